@@ -1,0 +1,181 @@
+"""The process pool: rounds are handed out ahead of need and come back in order.
+
+The only module that knows how work is spread. It asks for nothing but `concurrent.futures.Executor`, so a cluster's
+executor can take the pool's place. It imports no numpy: a worker sets the number of threads before anything heavy loads.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
+from multiprocessing.connection import wait as wait_for
+from typing import TypeVar
+
+from skinrender.errors import InputError, RunError
+
+Result = TypeVar("Result")
+Work = Callable[[int], Result]
+
+POLL_SECONDS = 0.2
+DEATHS_IN_A_ROW = 3
+ONE_THREAD = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+_enough = None
+
+
+def in_order(
+    work: Work,
+    indices: Iterable[int],
+    *,
+    workers: int = 1,
+    check: Callable[[], None] = lambda: None,
+    open_executor: Callable[[], Executor] | None = None,
+) -> Iterator[Result]:
+    """Yield ``work(index)`` for each index, in the order of `indices`.
+
+    Parameters
+    ----------
+    work : picklable function of the index; may be called again for an index whose worker died.
+    indices : may be endless: only as many are taken as there is work for.
+    workers : number of processes; 1 works in this one.
+    check : called often in this process; what it raises ends the run.
+    open_executor : makes the executor to use in place of a process pool.
+
+    Close the iterator (`contextlib.closing`) to drop what was handed out ahead.
+    Raises `RunError` if workers keep dying.
+    """
+    if workers < 1:
+        raise InputError(f"{workers} workers cannot do anything", where="--workers", remedy="use 1 or more")
+    if workers == 1 and open_executor is None:
+        for index in indices:
+            check()
+            yield work(index)
+        check()
+        return
+    handout = _Handout(work, iter(indices), workers, open_executor)
+    try:
+        while handout.hand_out():
+            yield handout.collect(check)
+    finally:
+        handout.dismiss()
+
+
+class _Handout:
+    """An executor, the rounds in its hands (oldest first), and what to do when it breaks."""
+
+    def __init__(self, work: Work, indices: Iterator[int], workers: int, open_executor) -> None:
+        self._work = work
+        self._indices = indices
+        self._ahead = workers + 1
+        self._enough = None
+        if open_executor is None:
+            self._enough = multiprocessing.get_context("spawn").Event()
+            open_executor = _pool_opener(workers, self._enough)
+        self._open_executor = open_executor
+        self._executor = open_executor()
+        self._pending: deque[tuple[int, Future]] = deque()
+        self._deaths = 0
+
+    def hand_out(self) -> bool:
+        """Fill the look-ahead; whether anything is to be waited for."""
+        while len(self._pending) < self._ahead:
+            index = next(self._indices, None)
+            if index is None:
+                break
+            self._pending.append((index, self._submit(index)))
+        return bool(self._pending)
+
+    def collect(self, check: Callable[[], None]) -> Result:
+        """The oldest round's result, done again as long as workers die over it."""
+        while True:
+            future = self._pending[0][1]
+            while not future.done():
+                check()
+                wait([future], timeout=POLL_SECONDS)
+            check()
+            try:
+                result = future.result()
+            except BrokenExecutor as error:
+                self._replace(error)
+                continue
+            self._deaths = 0
+            self._pending.popleft()
+            return result
+
+    def dismiss(self) -> None:
+        """Drop what has not begun, wait for what has."""
+        if self._enough is not None:
+            self._enough.set()
+        self._executor.shutdown(wait=True, cancel_futures=True)
+
+    def _submit(self, index: int) -> Future:
+        try:
+            with _interrupts_held():
+                return self._executor.submit(_call, self._work, index)
+        except BrokenExecutor as error:
+            broken: Future = Future()
+            broken.set_exception(error)
+            return broken
+
+    def _replace(self, error: BrokenExecutor) -> None:
+        self._deaths += 1
+        if self._deaths > DEATHS_IN_A_ROW:
+            raise RunError(
+                f"worker processes died {self._deaths} times in a row (out of memory?)\n"
+                "  try fewer --workers; what is finished is kept: go on with --resume\n"
+                "  (a script of your own must start the run under `if __name__ == '__main__':`)"
+            ) from error
+        self._executor.shutdown(wait=True, cancel_futures=True)
+        self._executor = self._open_executor()
+        self._pending = deque(
+            (index, future if _has_result(future) else self._submit(index)) for index, future in self._pending
+        )
+
+
+def _has_result(future: Future) -> bool:
+    return future.done() and not future.cancelled() and not isinstance(future.exception(), BrokenExecutor)
+
+
+def _pool_opener(workers: int, enough) -> Callable[[], Executor]:
+    def open_pool() -> ProcessPoolExecutor:
+        context = multiprocessing.get_context("spawn")
+        return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker, initargs=(enough,))
+
+    return open_pool
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Block SIGINT meanwhile: a process started here inherits that and leaves Ctrl-C to its parent from the outset."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _begin_worker(enough) -> None:
+    """One thread for every library, deaf to Ctrl-C, and gone when the parent is gone."""
+    global _enough
+    _enough = enough
+    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_leave_with_parent, daemon=True).start()
+
+
+def _leave_with_parent() -> None:
+    wait_for([multiprocessing.parent_process().sentinel])
+    os._exit(1)
+
+
+def _call(work: Work, index: int) -> Result | None:
+    """Run in the worker; rounds still queued when the run is over are passed by."""
+    if _enough is not None and _enough.is_set():
+        return None
+    return work(index)

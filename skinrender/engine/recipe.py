@@ -1,0 +1,85 @@
+"""How a photon pass is made, in a form small enough to be sent to every worker."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from skinrender.engine.identity import file_hash
+from skinrender.errors import InputError
+
+
+class Recipe(Protocol):
+    """Picklable instructions for a photon pass."""
+
+    @property
+    def provenance(self) -> Mapping[str, Any]:
+        """What determines its photons, apart from the seed; JSON."""
+
+    def build(self, seed: int) -> Any:
+        """A `photon_pass.PhotonPass`."""
+
+    def describe(self, photon_pass: Any) -> dict[str, Any]:
+        """Members of `store.MapHeader` that follow from a pass: all but provenance and the number of photons."""
+
+
+@dataclass(frozen=True, eq=False)
+class VolumeRecipe:
+    """The photon pass in a volume that lies in a file.
+
+    Parameters
+    ----------
+    volume_path : the ``volume.npz``.
+    light : a `photonmap.light.Light`.
+    roulette : thin out photons that no view ray can see.
+    """
+
+    volume_path: Path
+    light: Any
+    roulette: bool
+
+    @cached_property
+    def provenance(self) -> Mapping[str, Any]:
+        lamp = {field.name: getattr(self.light, field.name) for field in fields(self.light)}
+        lamp = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in lamp.items()}
+        return {
+            "volume": file_hash(self.volume_path),
+            "light": {"kind": type(self.light).__name__, **lamp},
+            "roulette": self.roulette,
+        }
+
+    def build(self, seed: int) -> Any:
+        from skinrender.photonmap.photon_pass import PhotonPass
+        from skinrender.skin.volume import load_volume
+
+        return PhotonPass(load_volume(self.volume_path), self.light, seed, roulette=self.roulette)
+
+    def describe(self, photon_pass: Any) -> dict[str, Any]:
+        return {
+            "wavelength_nm": photon_pass.volume.wavelength_nm,
+            "power_aimed_per_band": photon_pass.power_per_band_aimed,
+            "bounds_mm": photon_pass.volume.bounds_mm,
+            "layer_name": tuple(photon_pass.layer_names),
+            "keep_probability": photon_pass.depth_table.keep_probability,
+            "depth_edges_mm": photon_pass.depth_table.depth_edges_mm,
+        }
+
+
+def scene_recipe(scene: Any, volume_path: str | Path) -> VolumeRecipe:
+    """The photon pass of a scene in its volume; camera, film and estimate are not read.
+
+    Raises `InputError` if there is no volume yet.
+    """
+    from skinrender.photonmap.light import light_from_scene
+    from skinrender.skin.volume import load_volume
+
+    volume_path = Path(volume_path).absolute()
+    if not volume_path.is_file():
+        raise InputError("there is no volume", where=str(volume_path), remedy="run `skinrender build` first")
+    light = light_from_scene(scene, load_volume(volume_path).wavelength_nm)
+    return VolumeRecipe(volume_path, light, scene.photons.roulette)

@@ -1,0 +1,29 @@
+"""8-bit sRGB pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from skinrender.film.atomic import whole_file
+from skinrender.film.color import encode_srgb
+
+
+def write_png(path: str | Path, rgb: np.ndarray) -> float:
+    """Write linear sRGB (h, w, 3) as an 8-bit PNG.
+
+    Returns
+    -------
+    float : the fraction of pixels clipped because they are brighter than white or outside the gamut; to be told.
+
+    Raises
+    ------
+    RunError : the file cannot be written.
+    """
+    from skimage.io import imsave
+
+    encoded, clipped = encode_srgb(rgb)
+    with whole_file(path) as temporary:
+        imsave(temporary, encoded, check_contrast=False)
+    return clipped

@@ -1,0 +1,179 @@
+"""The photon pass (paper, section 7.1): walks the histories of a round through a described volume."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from skinrender.photonmap.light import CollimatedLight, Light, PointLight
+from skinrender.photonmap.roulette import DepthTable, keep_all, keep_visible
+from skinrender.skin.regions import regions_of
+from skinrender.skin.volume import SkinVolume
+from skinrender.transport import tally
+from skinrender.transport.borders import DIELECTRIC, OPEN, PERIODIC, Borders
+from skinrender.transport.emission import COLLIMATED, POINT, SKY, light_parameters
+from skinrender.transport.lanes import LANES, new_block
+from skinrender.transport.medium import Medium, block_type, make_grid, make_majorant, make_medium, make_relief, without_air
+from skinrender.transport.rng import stream_key
+from skinrender.transport.walk import walk
+
+SIDES = {"periodic": PERIODIC, "open": OPEN, "dielectric": DIELECTRIC}
+WALK_STAGE = 0
+TILE_MM = 1.0
+_BUFFER = (1 << 16) + LANES
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """Photons and counts of one round; n photons, B bands.
+
+    Parameters
+    ----------
+    index : of the round.
+    emitted : (B,) i8, histories.
+    tallies : (B, T) i8, columns of `transport.tally`.
+    position : (n, 3) f4, mm, and direction : (n, 2) u2, octahedral, in band order.
+    stored_per_band : (B,) i8.
+    """
+
+    index: int
+    emitted: np.ndarray
+    tallies: np.ndarray
+    position: np.ndarray
+    direction: np.ndarray
+    stored_per_band: np.ndarray
+
+
+class PhotonPass:
+    """Walks rounds of a volume under a light; prepares each band once.
+
+    Parameters
+    ----------
+    volume, light : what is lit and by what.
+    seed : of the histories; a history is a pure function of (seed, band, index).
+    roulette : thin out deep photons that no view ray can see.
+    """
+
+    def __init__(self, volume: SkinVolume, light: Light, seed: int, *, roulette: bool = False):
+        self.volume = volume
+        self.light = light
+        self.seed = seed
+        self.layer_names = volume.layer_name[1:]
+        self.power_per_band_aimed = light.power_aimed_per_band(volume.size_mm)
+        self.depth_table: DepthTable = (keep_visible if roulette else keep_all)(volume)
+        self._medium = lru_cache(maxsize=None)(self._make_medium)
+
+    @property
+    def bands(self) -> int:
+        return len(self.volume.wavelength_nm)
+
+    @cached_property
+    def _z_edges(self) -> np.ndarray:
+        return np.asarray(self.volume.z_edges_mm - self.volume.z_edges_mm[0], dtype=np.float64)
+
+    @cached_property
+    def _filled(self) -> np.ndarray:
+        return without_air(np.asarray(self.volume.palette_index), self.volume.palette_layer == 0)
+
+    @cached_property
+    def _holds(self) -> np.ndarray:
+        return make_grid(self._filled, self._z_edges, np.float32)[1]
+
+    @lru_cache(maxsize=2)
+    def _grid(self, real: type):
+        return make_grid(self._filled, self._z_edges, real)[0]
+
+    @cached_property
+    def _regions(self):
+        return regions_of(self.volume)
+
+    @cached_property
+    def _relief(self):
+        z_top = self.volume.z_edges_mm[0]
+        return make_relief([field - np.float32(z_top) for field in self._regions.heights_mm if field is not None])
+
+    def _borders(self, band: int) -> Borders:
+        regions = self._regions
+        z = regions.border_z_mm - self.volume.z_edges_mm[0]
+        is_rough = np.array([field is not None for field in regions.heights_mm])
+        rough = np.where(is_rough, np.cumsum(is_rough) - 1, -1).astype(np.int32)
+        top, bottom = z[:-1].copy(), z[1:].copy()
+        for k in range(regions.count):
+            if rough[k] >= 0:
+                top[k] = self._relief.cell_max[rough[k]].max()
+            if rough[k + 1] >= 0:
+                bottom[k] = self._relief.cell_min[rough[k + 1]].min()
+        index = np.ascontiguousarray(regions.index[:, band])
+        return Borders(z, rough, index, top, bottom, np.array(self.volume.size_mm), SIDES[self.volume.sides])
+
+    def _make_medium(self, band: int) -> tuple[Medium, type]:
+        v = self.volume
+        mu_a, mu_s = v.mu_a[:, band], v.mu_s[:, band]
+        entries = self._holds.shape[1]
+        plane_mu_t = np.where(self._holds, (mu_a + mu_s)[:entries], 0.0).max(axis=1)
+        real = block_type(make_majorant(plane_mu_t, self._z_edges)[0], self._z_edges)
+        layer = np.maximum(v.palette_layer.astype(np.int32) - 1, 0)
+        medium = make_medium(
+            self._grid(real), plane_mu_t, mu_a, mu_s, v.g[:, band], layer, len(self.layer_names), self._borders(band),
+            self._z_edges, v.shape[:2], v.z_edges_mm[0], real,
+        )  # fmt: skip
+        return medium, real
+
+    @cached_property
+    def _light_parameters(self) -> np.ndarray:
+        z_top = self.volume.z_edges_mm[0]
+        light = self.light
+        if isinstance(light, PointLight):
+            x, y, z = light.position_mm
+            return light_parameters(POINT, (x, y, z - z_top))
+        if isinstance(light, CollimatedLight):
+            radius = -1.0 if light.radius_mm is None else light.radius_mm
+            return light_parameters(COLLIMATED, (*light.position_mm[:2], 0.0), light.direction, radius)
+        return light_parameters(SKY)
+
+    def walk(self, index: int, histories: np.ndarray, store: bool, exits: list | None = None) -> Round:
+        """Walk one round.
+
+        Parameters
+        ----------
+        index : of the round; its histories are those from ``index * histories[band]`` on.
+        histories : (B,) of each band.
+        store : keep the scattering events, not only the counts.
+        exits : receives, per band, an (n, 6) float32 array x, y, ux, uy, uz, scattered of the photons that left upwards.
+        """
+        tallies = np.zeros((self.bands, tally.columns(len(self.layer_names))), dtype=np.int64)
+        positions, directions = [np.empty((0, 3), np.float32)], [np.empty((0, 2), np.uint16)]
+        stored = np.zeros(self.bands, dtype=np.int64)
+        for band in np.flatnonzero(histories):
+            parts = self._walk_band(int(band), index, int(histories[band]), store, tallies[band], exits)
+            for position, direction in parts:
+                positions.append(position)
+                directions.append(direction)
+                stored[band] += len(position)
+        return Round(
+            index, np.array(histories, dtype=np.int64), tallies, np.concatenate(positions),
+            np.concatenate(directions), stored,
+        )  # fmt: skip
+
+    def _walk_band(self, band: int, index: int, count: int, store: bool, counts: np.ndarray, exits: list | None):
+        medium, real = self._medium(band)
+        tiles = np.maximum(1, np.ceil(np.array(self.volume.size_mm) / TILE_MM)).astype(int)
+        z_mean = -float(self.volume.z_edges_mm[0])
+        first_too = self._relief is not None
+        source = (stream_key(self.seed, band, WALK_STAGE), index * count, count, int(tiles[0]), int(tiles[1]), z_mean, first_too)
+        keep = self.depth_table.thresholds(band)
+        position = np.empty((_BUFFER, 3), np.float32) if store else None
+        direction = np.empty((_BUFFER, 2), np.uint16) if store else None
+        left = None if exits is None else np.zeros((count, 6), np.float32)
+        f, w = new_block(real)
+        state = np.zeros(3, dtype=np.int64)
+        while True:
+            walk(f, w, source, self._light_parameters, medium, self._relief, keep, position, direction, counts, left, state)
+            if store:
+                yield position[: state[2]].copy(), direction[: state[2]].copy()
+            if state[1] == 0:
+                break
+        if exits is not None:
+            exits.append(left[: counts[tally.REFLECTED] - counts[tally.SPECULAR]])

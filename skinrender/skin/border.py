@@ -1,0 +1,114 @@
+"""The borders of layers as height fields: folded by the relief, waved by the papillae.
+
+Every border is z = depth + a h(x, y) + b w(x, y), with the surface h and the wave w of the dermal-epidermal border:
+
+- a = 1 through the epidermis, which keeps its thickness (a furrow is a fold, not a cut);
+- b grows from 0 to 1 through the granular and spinous layers and is 1 through the basal layer, a single row of cells
+  that follows the border: the wave's room comes out of the spinous layer, as between rete ridges;
+- below, both fade linearly to 0 at the bottom of the subpapillary layer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from skinrender.errors import InputError
+from skinrender.skin.anatomy import EPIDERMIS, LayerSpec, border_depths
+from skinrender.skin.relief import shaped_noise
+
+WAVE_PEAK_TO_VALLEY_UM = {"forearm": 40.0, "cheek": 25.0}
+WAVE_PERIOD_UM = 110.0
+"""84 papillae a square millimeter, counted by confocal microscopy and histology of skin."""
+LEAST_VIABLE_MM = 0.020
+_COLUMNS_PER_PERIOD = 2.5
+_BANDWIDTH = 0.08
+_WAVE_SEED = 11
+_ROOM = 1.1
+"""How much higher than the largest displacement the fading stretch must be, so that no border overtakes the next."""
+
+
+@dataclass(frozen=True)
+class Fold:
+    """How far a border at each depth follows relief and wave.
+
+    Parameters
+    ----------
+    depth_mm (K,) : nodes, ascending; relief_share, wave_share (K,) : a and b there, linear in between.
+    """
+
+    depth_mm: np.ndarray
+    relief_share: np.ndarray
+    wave_share: np.ndarray
+
+    @property
+    def bottom_mm(self) -> float:
+        """Depth from which on all borders are flat."""
+        return float(self.depth_mm[-1])
+
+    def shares(self, depth_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """a and b at depths."""
+        return (
+            np.interp(depth_mm, self.depth_mm, self.relief_share, right=0.0),
+            np.interp(depth_mm, self.depth_mm, self.wave_share, right=0.0),
+        )
+
+
+def papillae(
+    size_mm: tuple[float, float], samples: tuple[int, int], columns: tuple[int, int], peak_to_valley_um: float,
+    period_um: float,
+) -> np.ndarray:  # fmt: skip
+    """Wave of the dermal-epidermal border at the samples (hx, hy), mm, mean 0, within half the peak-to-valley height.
+
+    A regular wave of 110 um on columns of 50 um would alias into stripes. This is band-limited noise: irregular
+    papillae of random direction and phase with the given period, or with 2.5 columns where the columns cannot resolve
+    it, so that no frequency exceeds that of the columns. Its distribution of heights, which sets the color of the skin,
+    is that of the finer wave. The sample spacing likewise limits the period to 2.5 samples.
+    """
+    coarsest_mm = max(length / count for axis in (columns, samples) for length, count in zip(size_mm, axis))
+    period_mm = max(1e-3 * period_um, _COLUMNS_PER_PERIOD * coarsest_mm)
+    fx = np.fft.fftfreq(samples[0], size_mm[0] / samples[0])[:, None]
+    fy = np.fft.rfftfreq(samples[1], size_mm[1] / samples[1])
+    ring = np.exp(-0.5 * ((np.hypot(fx, fy) * period_mm - 1) / _BANDWIDTH) ** 2)
+    noise = shaped_noise(ring, samples, np.random.default_rng(_WAVE_SEED))
+    wave = 0.5e-3 * peak_to_valley_um * np.tanh(1.2 * noise)
+    return wave - wave.mean()
+
+
+def limit_wave(wave_mm: np.ndarray, layers: Sequence[LayerSpec]) -> np.ndarray:
+    """The wave, cut where less than 20 um of viable epidermis, or a tenth of the layer it thins, would remain."""
+    thickness = {layer.name: layer.thickness_mm for layer in layers}
+    spinous, basal = thickness["granular_spinous"], thickness["basal"]
+    return np.maximum(wave_mm, -max(0.0, min(spinous + basal - LEAST_VIABLE_MM, 0.9 * spinous)))
+
+
+def fold(layers: Sequence[LayerSpec], displacement_mm: float) -> Fold:
+    """The fold of a stack of layers; displacement_mm is the largest downward one, of surface and wave together.
+
+    Layers without an epidermis (slabs) fade from the surface on. Where the subpapillary layer is too shallow for the
+    displacement, the fold reaches down to the first border that is not.
+
+    Raises
+    ------
+    InputError : the relief is deeper than the layers.
+    """
+    names = [layer.name for layer in layers]
+    bottoms = border_depths([layer.thickness_mm for layer in layers])[1:]
+    epidermal = [i for i, name in enumerate(names) if name in EPIDERMIS]
+    top = float(bottoms[epidermal[-1]]) if epidermal else 0.0
+    first = names.index("subpapillary") if "subpapillary" in names else len(epidermal)
+    fitting = [float(b) for b in bottoms[first:] if b > top and b - top >= _ROOM * displacement_mm]
+    if not fitting:
+        raise InputError(
+            f"the relief goes {1000 * displacement_mm:.0f} um down, the layers below it end at "
+            f"{1000 * bottoms[-1]:.0f} um",
+            where="relief",
+            remedy="Use a shallower relief or thicker layers.",
+        )
+    if "granular_spinous" not in names or "basal" not in names:
+        return Fold(np.array([0.0, top, fitting[0]]), np.array([1.0, 1.0, 0.0]), np.zeros(3))
+    spinous = names.index("granular_spinous")
+    nodes = [0.0, float(bottoms[spinous]) - layers[spinous].thickness_mm, float(bottoms[spinous]), top, fitting[0]]
+    return Fold(np.array(nodes), np.array([1.0, 1, 1, 1, 0]), np.array([0.0, 0, 1, 1, 0]))

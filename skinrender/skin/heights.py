@@ -1,0 +1,133 @@
+"""The height fields of a scene: surface, wave, and every border between layers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from skinrender.errors import InputError
+from skinrender.scene import Scene
+from skinrender.skin import border, relief
+from skinrender.skin.anatomy import LayerSpec, border_depths
+from skinrender.skin.gray import read_gray
+from skinrender.skin.spline import control_points
+
+MAX_MAP_VALUES = 1 << 26
+FLAT_MM = 1e-9
+"""A surface that nowhere leaves its mean by more is flat."""
+
+
+@dataclass(frozen=True)
+class Heights:
+    """Surface and wave as control points (hx, hy) f4, mm, None where flat; at least one is not.
+
+    Parameters
+    ----------
+    fold : how far the borders below follow them.
+    """
+
+    surface_mm: np.ndarray | None
+    wave_mm: np.ndarray | None
+    fold: border.Fold
+
+    def at(self, depth_mm: float) -> np.ndarray:
+        """Control points (hx, hy) of the border at a depth, mm."""
+        relief_share, wave_share = self.fold.shares(depth_mm)
+        some = self.wave_mm if self.surface_mm is None else self.surface_mm
+        z = np.full(some.shape, depth_mm)
+        if self.surface_mm is not None:
+            z += relief_share * self.surface_mm
+        if self.wave_mm is not None:
+            z += wave_share * self.wave_mm
+        return z
+
+    def borders_mm(self, layers: Sequence[LayerSpec]) -> np.ndarray:
+        """Control points (T - 1, hx, hy) f4 of the inner borders."""
+        depths = border_depths([layer.thickness_mm for layer in layers])[1:-1]
+        some = self.wave_mm if self.surface_mm is None else self.surface_mm
+        return np.array([self.at(depth) for depth in depths], np.float32).reshape(-1, *some.shape)
+
+
+def scene_heights(scene: Scene, layers: Sequence[LayerSpec]) -> Heights | None:
+    """The height fields of a scene; None when all is flat.
+
+    Raises
+    ------
+    InputError : the height map is unusable, or the relief is deeper than the layers.
+    """
+    size_mm = tuple(scene.patch.size_mm)
+    samples = _samples(scene)
+    surface = _surface(scene, samples)
+    if surface is not None:
+        surface = control_points(surface).astype(np.float32)
+        surface = surface if np.abs(surface).max() > FLAT_MM else None
+    wave = _wave(scene, layers, size_mm, samples)
+    if surface is None and wave is None:
+        return None
+    deepest = sum(float(field.max()) for field in (surface, wave) if field is not None)
+    return Heights(surface, wave, border.fold(layers, deepest))
+
+
+def _samples(scene: Scene) -> tuple[int, int]:
+    """Height samples of a scene: its own, or as many as the patch needs."""
+    if scene.relief.kind == "procedural" and "samples" in scene.relief.model_fields_set and scene.relief.samples:
+        return tuple(scene.relief.samples)
+    return relief.default_samples(tuple(scene.patch.size_mm))
+
+
+def _surface(scene: Scene, samples: tuple[int, int]) -> np.ndarray | None:
+    described, size_mm = scene.relief, tuple(scene.patch.size_mm)
+    if described.kind == "flat":
+        return None
+    if described.kind == "height_map":
+        return relief.height_map(_read_heights_um(scene), samples)
+    if described.families is None and scene.skin is not None and scene.skin.site == "cheek":
+        return relief.polygonal(size_mm, samples, described.noise_um, described.seed)
+    families = relief.FOREARM if described.families is None else described.families
+    return relief.furrowed(families, size_mm, samples, described.noise_um, described.seed)
+
+
+def _wave(
+    scene: Scene, layers: Sequence[LayerSpec], size_mm: tuple[float, float], samples: tuple[int, int]
+) -> np.ndarray | None:
+    if scene.skin is None:
+        return None
+    described = scene.skin.border_wave
+    height_um, period_um = described.peak_to_valley_um, described.period_um
+    height_um = border.WAVE_PEAK_TO_VALLEY_UM[scene.skin.site] if height_um is None else height_um
+    if height_um == 0:
+        return None
+    period_um = border.WAVE_PERIOD_UM if period_um is None else period_um
+    wave = border.papillae(size_mm, samples, tuple(scene.patch.columns), height_um, period_um)
+    return border.limit_wave(control_points(wave), layers).astype(np.float32)
+
+
+def _read_heights_um(scene: Scene) -> np.ndarray:
+    """The scene's height map in um, up positive, indexed [ix, iy]."""
+    path = scene.path(scene.relief.file)
+    if path.suffix.lower() != ".npy":
+        low, high = scene.relief.range_um
+        return low + (high - low) * read_gray(path, ("PNG", "TIFF"), max_pixels=MAX_MAP_VALUES)
+    heights = _read_npy(path)
+    if not np.all(np.isfinite(heights)):
+        raise InputError("the height map holds NaN or Inf", where=str(path), remedy="Fill the gaps of the measurement.")
+    return scene.relief.um_per_unit * heights.T
+
+
+def _read_npy(path: Path) -> np.ndarray:
+    try:
+        mapped = np.load(path, mmap_mode="r", allow_pickle=False)
+    except FileNotFoundError as error:
+        raise InputError("there is no such height map", where=str(path)) from error
+    except (OSError, ValueError, EOFError, SyntaxError, OverflowError) as error:
+        raise InputError(
+            "this is no readable .npy file", where=str(path), remedy="Save it with numpy.save(..., allow_pickle=False)."
+        ) from error
+    if not isinstance(mapped, np.ndarray) or mapped.ndim != 2 or mapped.dtype.kind not in "iuf":
+        raise InputError("a height map is a 2-D array of numbers, [row, column]", where=str(path))
+    if not 0 < mapped.size <= MAX_MAP_VALUES:
+        raise InputError(f"the height map has {mapped.size} values; 1 to {MAX_MAP_VALUES} are allowed", where=str(path))
+    return np.asarray(mapped, np.float64)

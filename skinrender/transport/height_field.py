@@ -1,0 +1,293 @@
+"""A periodic height field z = h(x, y): its height, its gradient, and where a straight flight first crosses it.
+
+The surface is the uniform biquadratic B-spline whose control points `heights[i, j]` stand at the cell centres
+((i + 0.5) lx / hx, (j + 0.5) ly / hy) and repeat with the periods lx, ly: continuous with its normal, one polynomial
+patch a cell. Lengths are in mm, z points down, so f = z - h(x, y) is positive inside the tissue.
+
+Along a straight flight f is a quartic inside a cell. `first_hit` isolates its first sign change by the Bernstein
+form's variation-diminishing property, so no crossing slips between samples however thin the ridge.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from skinrender.transport import kernel
+
+LIFT_MM = 1e-12
+"""A start on the surface is lifted this far to its own side: more than rounding, less than the accuracy of a hit."""
+
+START_TOLERANCE_MM = 1e-5
+"""A start at most this far on the wrong side is put on the surface (positions may have been float32)."""
+
+_HIT_TOLERANCE_MM = 1e-11
+_MAX_LEVEL = 30
+
+
+def cell_bounds(heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of the surface over each cell: the extremes of its 3 x 3 control points (convex hull property).
+
+    Parameters
+    ----------
+    heights : (hx, hy) control points, mm.
+
+    Returns
+    -------
+    cell_min, cell_max : (hx, hy) arrays of the same dtype.
+    """
+    rows = [np.roll(heights, shift, axis=0) for shift in (-1, 0, 1)]
+    low, high = np.minimum.reduce(rows), np.maximum.reduce(rows)
+    cell_min = np.minimum.reduce([np.roll(low, shift, axis=1) for shift in (-1, 0, 1)])
+    cell_max = np.maximum.reduce([np.roll(high, shift, axis=1) for shift in (-1, 0, 1)])
+    return np.ascontiguousarray(cell_min), np.ascontiguousarray(cell_max)
+
+
+@kernel
+def height(heights, lx, ly, x, y):
+    """Height h(x, y) of the surface, mm."""
+    return height_and_gradient(heights, lx, ly, x, y)[0]
+
+
+@kernel
+def height_and_gradient(heights, lx, ly, x, y):
+    """Height h and its slopes dh/dx, dh/dy at (x, y); the upward unit normal is (h_x, h_y, -1) / norm."""
+    hx, hy = heights.shape
+    gx = x * (hx / lx)
+    gy = y * (hy / ly)
+    cx = math.floor(gx)
+    cy = math.floor(gy)
+    a = gx - cx
+    b = gy - cy
+    wy0, wy1, wy2 = 0.5 * (1.0 - b) * (1.0 - b), 0.5 + b * (1.0 - b), 0.5 * b * b
+    j1 = cy % hy
+    j0 = j1 - 1 if j1 > 0 else hy - 1
+    j2 = j1 + 1 if j1 < hy - 1 else 0
+    i1 = cx % hx
+    i0 = i1 - 1 if i1 > 0 else hx - 1
+    i2 = i1 + 1 if i1 < hx - 1 else 0
+    v0 = wy0 * heights[i0, j0] + wy1 * heights[i0, j1] + wy2 * heights[i0, j2]
+    v1 = wy0 * heights[i1, j0] + wy1 * heights[i1, j1] + wy2 * heights[i1, j2]
+    v2 = wy0 * heights[i2, j0] + wy1 * heights[i2, j1] + wy2 * heights[i2, j2]
+    d0 = (b - 1.0) * heights[i0, j0] + (1.0 - 2.0 * b) * heights[i0, j1] + b * heights[i0, j2]
+    d1 = (b - 1.0) * heights[i1, j0] + (1.0 - 2.0 * b) * heights[i1, j1] + b * heights[i1, j2]
+    d2 = (b - 1.0) * heights[i2, j0] + (1.0 - 2.0 * b) * heights[i2, j1] + b * heights[i2, j2]
+    wx0, wx1, wx2 = 0.5 * (1.0 - a) * (1.0 - a), 0.5 + a * (1.0 - a), 0.5 * a * a
+    z = wx0 * v0 + wx1 * v1 + wx2 * v2
+    slope_x = ((a - 1.0) * v0 + (1.0 - 2.0 * a) * v1 + a * v2) * (hx / lx)
+    slope_y = (wx0 * d0 + wx1 * d1 + wx2 * d2) * (hy / ly)
+    return z, slope_x, slope_y
+
+
+@kernel
+def slab_interval(z, uz, z_low, z_high, s_max):
+    """Part [s_begin, s_end] of a flight within z_low <= z <= z_high; s_end < s_begin when there is none.
+
+    Lets a far start (lamp, camera) skip the cells over which it cannot meet the surface.
+    """
+    if uz == 0.0:
+        return (0.0, s_max) if z_low <= z <= z_high else (0.0, -1.0)
+    s_a, s_b = (z_low - z) / uz, (z_high - z) / uz
+    return max(0.0, min(s_a, s_b)), min(s_max, max(s_a, s_b))
+
+
+@kernel
+def first_hit(heights, cell_min, cell_max, lx, ly, x, y, z, ux, uy, uz, s_max, side):
+    """First crossing of the flight (x, y, z) + s (ux, uy, uz), 0 < s <= s_max, from its own side to the other.
+
+    Parameters
+    ----------
+    heights, cell_min, cell_max : (hx, hy) control points and their `cell_bounds`, mm.
+    lx, ly : periods, mm.
+    s_max : finite; see `slab_interval` for flights from afar.
+    side : +1.0 when the start is below the surface (f > 0, in the tissue), -1.0 when above. A start on the surface
+        is taken to be on that side; it does not return itself unless it heads for the other side, which is then
+        crossed at once (s about 0).
+
+    Returns
+    -------
+    s : mm, with |f(s)| <= 1e-10 mm; -1.0 when there is no crossing; 0.0 when the start is beyond
+        `START_TOLERANCE_MM` on the other side already.
+    """
+    hx, hy = heights.shape
+    gx, gy = x * (hx / lx), y * (hy / ly)
+    dx, dy = ux * (hx / lx), uy * (hy / ly)
+    cx, cy = math.floor(gx), math.floor(gy)
+    i, j = cx % hx, cy % hy
+    if cell_min[i, j] - START_TOLERANCE_MM <= z <= cell_max[i, j] + START_TOLERANCE_MM:
+        start = side * (z - height(heights, lx, ly, x, y))
+        if start < -START_TOLERANCE_MM:
+            return 0.0
+        if start < LIFT_MM:
+            z += side * (LIFT_MM - start)
+    elif (z < cell_min[i, j]) == (side > 0.0):
+        return 0.0
+    if dx < 0.0 and gx == cx:
+        cx -= 1
+    if dy < 0.0 and gy == cy:
+        cy -= 1
+    s_in = 0.0
+    while s_in < s_max:
+        next_x = _exit(gx, dx, cx)
+        next_y = _exit(gy, dy, cy)
+        s_out = max(s_in, min(min(next_x, next_y), s_max))
+        z_in, z_out = z + uz * s_in, z + uz * s_out
+        i, j = cx % hx, cy % hy
+        if side > 0.0:
+            may_cross = min(z_in, z_out) <= cell_max[i, j]
+        else:
+            may_cross = max(z_in, z_out) >= cell_min[i, j]
+        if may_cross and s_out > s_in:
+            t = _first_crossing_in_cell(
+                heights, i, j, gx + dx * s_in - cx, gx + dx * s_out - cx, gy + dy * s_in - cy, gy + dy * s_out - cy,
+                z_in, z_out, side,
+            )  # fmt: skip
+            if t >= 0.0:
+                return s_in + t * (s_out - s_in)
+        if next_x <= next_y:
+            cx += 1 if dx > 0.0 else -1
+        else:
+            cy += 1 if dy > 0.0 else -1
+        s_in = s_out
+    return -1.0
+
+
+@kernel
+def _exit(position, velocity, cell):
+    """Path at which the flight leaves the cell along one axis."""
+    if velocity > 0.0:
+        return (cell + 1 - position) / velocity
+    if velocity < 0.0:
+        return (cell - position) / velocity
+    return math.inf
+
+
+@kernel
+def _first_crossing_in_cell(heights, i, j, a_in, a_out, b_in, b_out, z_in, z_out, side):
+    """Fraction t in [0, 1] of the chord at which side * f first turns negative, or -1."""
+    hx, hy = heights.shape
+    i0 = i - 1 if i > 0 else hx - 1
+    i2 = i + 1 if i < hx - 1 else 0
+    p0, p1, p2 = _blend_row(heights, i0, j, hy, b_in, b_out)
+    q0, q1, q2 = _blend_row(heights, i, j, hy, b_in, b_out)
+    r0, r1, r2 = _blend_row(heights, i2, j, hy, b_in, b_out)
+    u0, v0, w0 = _blossom(a_in, a_in)
+    u1, v1, w1 = _blossom(a_in, a_out)
+    u2, v2, w2 = _blossom(a_out, a_out)
+    # product of quadratics in Bernstein form, summed over the three control rows
+    h0 = u0 * p0 + v0 * q0 + w0 * r0
+    h1 = 0.5 * (u0 * p1 + v0 * q1 + w0 * r1 + u1 * p0 + v1 * q0 + w1 * r0)
+    h2 = (u0 * p2 + v0 * q2 + w0 * r2 + u2 * p0 + v2 * q0 + w2 * r0 + 4.0 * (u1 * p1 + v1 * q1 + w1 * r1)) / 6.0
+    h3 = 0.5 * (u1 * p2 + v1 * q2 + w1 * r2 + u2 * p1 + v2 * q1 + w2 * r1)
+    h4 = u2 * p2 + v2 * q2 + w2 * r2
+    rise = 0.25 * (z_out - z_in)
+    return _first_sign_change(
+        side * (z_in - h0),
+        side * (z_in + rise - h1),
+        side * (z_in + 2.0 * rise - h2),
+        side * (z_in + 3.0 * rise - h3),
+        side * (z_out - h4),
+    )
+
+
+@kernel
+def _blossom(a, b):
+    """Polar form of the three quadratic B-spline weights of a cell: w_k(a, a) are the weights at a."""
+    return 0.5 * (1.0 - a) * (1.0 - b), 0.5 + 0.5 * (a + b) - a * b, 0.5 * a * b
+
+
+@kernel
+def _blend_row(heights, i, j, hy, b_in, b_out):
+    """Bernstein coefficients, along the chord, of one row of control points blended in y."""
+    c0 = heights[i, j - 1 if j > 0 else hy - 1]
+    c1 = heights[i, j]
+    c2 = heights[i, j + 1 if j < hy - 1 else 0]
+    u, v, w = _blossom(b_in, b_in)
+    first = u * c0 + v * c1 + w * c2
+    u, v, w = _blossom(b_in, b_out)
+    middle = u * c0 + v * c1 + w * c2
+    u, v, w = _blossom(b_out, b_out)
+    return first, middle, u * c0 + v * c1 + w * c2
+
+
+@kernel
+def _first_sign_change(b0, b1, b2, b3, b4):
+    """First t in [0, 1] at which the quartic with these Bernstein coefficients turns negative, or -1.
+
+    Dyadic parts are visited from the left; a part without a negative coefficient holds no crossing, one with a
+    single change of sign holds exactly one (variation diminishing), any other is halved.
+    """
+    if b0 < 0.0:
+        return 0.0
+    index, level = 0, 0
+    while True:
+        width = math.ldexp(1.0, -level)
+        lo = index * width
+        c0, c1, c2, c3, c4 = _part(b0, b1, b2, b3, b4, lo, lo + width)
+        if c0 < 0.0:
+            return lo
+        if min(min(min(c0, c1), min(c2, c3)), c4) < 0.0:
+            changes = (c0 < 0.0) != (c1 < 0.0)
+            changes += (c1 < 0.0) != (c2 < 0.0)
+            changes += (c2 < 0.0) != (c3 < 0.0)
+            changes += (c3 < 0.0) != (c4 < 0.0)
+            if c4 < 0.0 and (changes == 1 or level == _MAX_LEVEL):
+                return lo + width * _root(c0, c1, c2, c3, c4)
+            if level < _MAX_LEVEL:
+                index, level = 2 * index, level + 1
+                continue
+        index += 1
+        while level > 0 and index % 2 == 0:
+            index, level = index // 2, level - 1
+        if level == 0:
+            return -1.0
+
+
+@kernel
+def _root(c0, c1, c2, c3, c4):
+    """The root of a quartic in Bernstein form with c0 >= 0 > c4 and one change of sign: Newton, kept in its bracket."""
+    lo, hi = 0.0, 1.0
+    t = c0 / (c0 - c4)
+    for _ in range(100):
+        value, slope = _value_and_slope(c0, c1, c2, c3, c4, t)
+        # f may start at rounding size and rise before it falls: only a falling zero is the crossing
+        if abs(value) <= _HIT_TOLERANCE_MM and slope < 0.0:
+            break
+        if value > 0.0:
+            lo = t
+        else:
+            hi = t
+        step = t - value / slope if slope != 0.0 else -1.0
+        t = step if lo < step < hi else 0.5 * (lo + hi)
+    return t
+
+
+@kernel
+def _value_and_slope(c0, c1, c2, c3, c4, t):
+    """Quartic and its derivative at t by de Casteljau's scheme."""
+    r = 1.0 - t
+    d0, d1, d2, d3 = r * c0 + t * c1, r * c1 + t * c2, r * c2 + t * c3, r * c3 + t * c4
+    e0, e1, e2 = r * d0 + t * d1, r * d1 + t * d2, r * d2 + t * d3
+    g0, g1 = r * e0 + t * e1, r * e1 + t * e2
+    return r * g0 + t * g1, 4.0 * (g1 - g0)
+
+
+@kernel
+def _part(c0, c1, c2, c3, c4, lo, hi):
+    """Bernstein coefficients of the same quartic over [lo, hi]."""
+    if lo > 0.0:
+        c0, c1, c2, c3, c4 = _right_part(c0, c1, c2, c3, c4, lo)
+    if hi < 1.0:
+        c4, c3, c2, c1, c0 = _right_part(c4, c3, c2, c1, c0, (1.0 - hi) / (1.0 - lo))
+    return c0, c1, c2, c3, c4
+
+
+@kernel
+def _right_part(c0, c1, c2, c3, c4, t):
+    """Bernstein coefficients over [t, 1]."""
+    r = 1.0 - t
+    d0, d1, d2, d3 = r * c0 + t * c1, r * c1 + t * c2, r * c2 + t * c3, r * c3 + t * c4
+    e0, e1, e2 = r * d0 + t * d1, r * d1 + t * d2, r * d2 + t * d3
+    g0, g1 = r * e0 + t * e1, r * e1 + t * e2
+    return r * g0 + t * g1, g1, e2, d3, c4

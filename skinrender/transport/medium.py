@@ -1,0 +1,178 @@
+"""From described tissue to the flat arrays that the walk reads: the crossing between the two worlds.
+
+Nothing here is a kernel; it runs once per scene (`make_grid`, `make_borders`) and once per band (`make_medium`).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from skinrender.transport.borders import Borders, Majorant, Relief
+from skinrender.transport.gather import BRICK, Grid
+from skinrender.transport.height_field import cell_bounds
+from skinrender.transport.move import SLABS
+
+_COARSE_CELLS = 4096
+_WORD = 2.0**32
+
+
+class Medium(NamedTuple):
+    """All that a walk reads of one band's tissue, besides the relief (see `walk`)."""
+
+    borders: Borders
+    majorant: Majorant
+    slabs: np.ndarray
+    grid: Grid
+    cells_per_mm: np.ndarray
+    last_cell: np.ndarray
+    plane_slab: np.ndarray
+    thresholds: np.ndarray
+    anisotropy: np.ndarray
+    layer: np.ndarray
+    layers: int
+    period: np.ndarray
+    z_top: float
+
+
+def without_air(palette_index: np.ndarray, air: np.ndarray) -> np.ndarray:
+    """Palette volume (nx, ny, nz) whose air voxels hold the first tissue below them: the exact surface cuts them."""
+    if not air.any():
+        return palette_index
+    filled = palette_index.copy()
+    for k in range(palette_index.shape[2] - 2, -1, -1):
+        empty = air[filled[:, :, k]]
+        filled[:, :, k][empty] = filled[:, :, k + 1][empty]
+    return filled
+
+
+def make_grid(palette_index: np.ndarray, z_edges_mm: np.ndarray, real: type) -> tuple[Grid, np.ndarray]:
+    """The voxels as bricks, and which palette entries each plane holds, (planes, P) bool.
+
+    palette_index (nx, ny, nz) uint16, z_edges_mm (nz + 1,) from the top of the volume; `real`: type of the block.
+    """
+    nx, ny, nz = palette_index.shape
+    bricks_x, bricks_y = -(-nx // BRICK), -(-ny // BRICK)
+    padded = np.pad(palette_index, ((0, bricks_x * BRICK - nx), (0, bricks_y * BRICK - ny), (0, 0)), mode="edge")
+    cells = padded.reshape(bricks_x, BRICK, bricks_y, BRICK, nz).transpose(4, 0, 2, 1, 3).reshape(-1, BRICK * BRICK)
+    uniform = (cells == cells[:, :1]).all(axis=1)
+    size = np.where(uniform, 1, BRICK * BRICK)
+    offset = np.concatenate([[0], np.cumsum(size)[:-1]])
+    palette = np.empty(size.sum(), dtype=np.uint16)
+    palette[offset[uniform]] = cells[uniform, 0]
+    varied = offset[~uniform][:, None] + np.arange(BRICK * BRICK)
+    palette[varied] = cells[~uniform]
+    brick = (2 * offset + ~uniform).astype(np.uint32)
+
+    entries = int(palette_index.max()) + 1
+    holds = np.zeros((nz, entries), dtype=bool)
+    for k in range(nz):
+        holds[k, np.unique(palette_index[:, :, k])] = True
+    cell_top = np.arange(_COARSE_CELLS) * (z_edges_mm[-1] / _COARSE_CELLS)
+    # one cell above: a rounded product may fall into the next cell
+    coarse = np.searchsorted(z_edges_mm, np.concatenate([[0.0], cell_top[:-1]]), side="right") - 1
+    grid = Grid(
+        z_edges_mm.astype(real), np.clip(coarse, 0, nz - 1).astype(np.int32), brick, palette, bricks_x, bricks_y
+    )
+    return grid, holds
+
+
+def choose_slabs(plane_mu_t: np.ndarray, z_edges_mm: np.ndarray, fluence_depth_mm: float = 0.5) -> np.ndarray:
+    """First plane of each majorant slab, at most SLABS of them, fewest null collisions (dynamic programming).
+
+    plane_mu_t (planes,): largest extinction of each plane. The weight of a plane is its share of the light, taken to
+    fall over `fluence_depth_mm` on a floor that keeps deep planes from being ignored.
+    """
+    planes = plane_mu_t.size
+    middle = 0.5 * (z_edges_mm[1:] + z_edges_mm[:-1])
+    weight = np.diff(z_edges_mm) * (np.exp(-middle / fluence_depth_mm) + 0.02)
+    total = np.concatenate([[0.0], np.cumsum(weight)])
+    cost = np.full((SLABS + 1, planes + 1), np.inf)
+    start = np.zeros((SLABS + 1, planes + 1), dtype=int)
+    cost[0, 0] = 0.0
+    for end in range(1, planes + 1):
+        largest = np.maximum.accumulate(plane_mu_t[:end][::-1])[::-1]
+        slab_cost = largest * (total[end] - total[:end])
+        for k in range(1, SLABS + 1):
+            through = cost[k - 1, :end] + slab_cost
+            best = int(np.argmin(through))
+            cost[k, end], start[k, end] = through[best], best
+    count = int(np.argmin(cost[1:, planes])) + 1
+    first = []
+    end = planes
+    for k in range(count, 0, -1):
+        end = start[k, end]
+        first.append(end)
+    return np.array(first[::-1])
+
+
+def make_majorant(plane_mu_t: np.ndarray, z_edges_mm: np.ndarray) -> tuple[Majorant, np.ndarray]:
+    """Majorant slabs, and the slab of each plane.
+
+    A clear slab gets a small majorant, so that depth stays a function of optical depth; its collisions are null.
+    """
+    first = choose_slabs(plane_mu_t, z_edges_mm)
+    thickness = np.diff(np.append(z_edges_mm[first], z_edges_mm[-1]))
+    mu_t = np.maximum(np.maximum.reduceat(plane_mu_t, first), 1e-2 / thickness)
+    depth = np.concatenate([[0.0], np.cumsum(mu_t * thickness)])
+    plane_slab = np.searchsorted(first, np.arange(plane_mu_t.size), side="right") - 1
+    return Majorant(z_edges_mm[first], depth[:-1], mu_t), plane_slab.astype(np.int32)
+
+
+def flight_constants(majorant: Majorant, real: type) -> np.ndarray:
+    """Constants of `move.fly`: lower optical depths, first reciprocal majorant and its changes, padded to SLABS."""
+    free_path = 1.0 / majorant.mu_t
+    lower = np.full(SLABS - 1, np.finfo(np.float32).max)
+    change = np.zeros(SLABS - 1)
+    lower[: majorant.z.size - 1] = majorant.depth[1:]
+    change[: majorant.z.size - 1] = np.diff(free_path)
+    return np.concatenate([lower, free_path[:1], change]).astype(real)
+
+
+def collision_thresholds(mu_a: np.ndarray, mu_s: np.ndarray, majorant_mu_t: np.ndarray) -> np.ndarray:
+    """Signed 32-bit thresholds (slabs, P, 2): a word below the first scatters, one above the second is absorbed.
+
+    Rounding is to 2^-32 of the majorant; a coefficient of exactly 0 never happens, the gap between is null.
+    """
+    scatter = np.rint(np.minimum(mu_s / majorant_mu_t[:, None], 1.0) * _WORD) - 2.0**31
+    absorb = 2.0**31 - 1 - np.rint(np.minimum(mu_a / majorant_mu_t[:, None], 1.0) * _WORD)
+    both = np.stack([scatter, absorb], axis=-1)
+    return np.clip(both, -(2.0**31), 2.0**31 - 1).astype(np.int32)
+
+
+def block_type(majorant: Majorant, z_edges_mm: np.ndarray) -> type:
+    """float32, or float64 where float32 can't resolve the thinnest plane or slab (to a thousandth) at its depth."""
+    depth = np.append(majorant.depth, majorant.depth[-1] + majorant.mu_t[-1] * (z_edges_mm[-1] - majorant.z[-1]))
+    resolved = 2.0**-24 * 1e3
+    thin_plane = (np.diff(z_edges_mm) < resolved * z_edges_mm[1:]).any()
+    thin_slab = (np.diff(depth) < resolved * depth[1:]).any()
+    return np.float64 if thin_plane or thin_slab or depth[-1] > 2000.0 else np.float32
+
+
+def make_relief(heights: list[np.ndarray]) -> Relief | None:
+    """Height fields with the bounds of their cells; None when every border is flat."""
+    if not heights:
+        return None
+    bounds = [cell_bounds(np.ascontiguousarray(field)) for field in heights]
+    return Relief(np.stack(heights), np.stack([low for low, _ in bounds]), np.stack([high for _, high in bounds]))
+
+
+def make_medium(
+    grid: Grid, plane_mu_t: np.ndarray, mu_a: np.ndarray, mu_s: np.ndarray, g: np.ndarray, layer: np.ndarray,
+    layers: int, borders: Borders, z_edges_mm: np.ndarray, columns: tuple[int, int], z_top: float, real: type,
+) -> Medium:  # fmt: skip
+    """Executed medium of one band.
+
+    mu_a, mu_s (1/mm), g, layer (P,): palette entries, of `layers` tissue layers; plane_mu_t (planes,): largest extinction of each plane;
+    borders and z_edges_mm in mm from the top of the volume, which is z_top in the scene's coordinates.
+    """
+    majorant, plane_slab = make_majorant(plane_mu_t, z_edges_mm)
+    period = np.asarray(borders.size)
+    cells = np.array([columns[0] / period[0], columns[1] / period[1], _COARSE_CELLS / z_edges_mm[-1]])
+    last = np.array([columns[0] - 1, columns[1] - 1, _COARSE_CELLS - 1], dtype=np.int32)
+    return Medium(
+        borders, majorant, flight_constants(majorant, real), grid, cells.astype(real), last, plane_slab,
+        collision_thresholds(mu_a, mu_s, majorant.mu_t), g.astype(np.float32), layer.astype(np.int32),
+        layers, period.astype(real), float(z_top),
+    )  # fmt: skip

@@ -1,0 +1,76 @@
+"""Optical depth along a straight flight through the voxels, for all bands at once.
+
+Voxels are columns of equal width under the patch, repeated with its period; planes may differ in height.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from skinrender.transport import kernel
+
+
+@kernel
+def plane_of(z_edges, z, dz):
+    """Index of the voxel plane that a flight from depth z enters; on an edge, the one it flies into."""
+    k = np.searchsorted(z_edges, z, side="right") - 1
+    if dz < 0.0 and k >= 0 and z_edges[k] == z:
+        k -= 1
+    return min(max(k, 0), z_edges.size - 2)
+
+
+@kernel
+def lateral_exit(position, velocity, cell):
+    """Path at which a flight leaves its cell along one lateral axis, in cell units."""
+    if velocity > 0.0:
+        return (cell + 1 - position) / velocity
+    if velocity < 0.0:
+        return (cell - position) / velocity
+    return math.inf
+
+
+@kernel
+def plane_exit(z_edges, z, dz, k):
+    """Path at which a flight leaves its plane; never at the top and the bottom of the volume."""
+    if dz > 0.0 and k < z_edges.size - 2:
+        return (z_edges[k + 1] - z) / dz
+    if dz < 0.0 and k > 0:
+        return (z_edges[k] - z) / dz
+    return math.inf
+
+
+@kernel
+def first_cell(position, velocity):
+    """Cell that a flight enters along one lateral axis (position in cell units)."""
+    cell = math.floor(position)
+    return cell - 1 if velocity < 0.0 and position == cell else cell
+
+
+@kernel
+def add_optical_depth(palette_index, z_edges, lx, ly, mu_t, x, y, z, dx, dy, dz, length, tau):
+    """Add to tau (B,) the optical depth of the flight (x, y, z) + s (dx, dy, dz), 0 <= s <= length (mm).
+
+    palette_index (nx, ny, nz), z_edges (nz + 1,), mu_t (P, B) in 1/mm.
+    """
+    nx, ny, _ = palette_index.shape
+    gx, gy, vx, vy = x * (nx / lx), y * (ny / ly), dx * (nx / lx), dy * (ny / ly)
+    cx, cy, k = first_cell(gx, vx), first_cell(gy, vy), plane_of(z_edges, z, dz)
+    palette, run, s = palette_index[cx % nx, cy % ny, k], 0.0, 0.0
+    while s < length:
+        exit_x, exit_y, exit_z = lateral_exit(gx, vx, cx), lateral_exit(gy, vy, cy), plane_exit(z_edges, z, dz, k)
+        leave = max(s, min(min(exit_x, exit_y), min(exit_z, length)))
+        run += leave - s
+        s = leave
+        if exit_z <= exit_x and exit_z <= exit_y:
+            k += 1 if dz > 0.0 else -1
+        elif exit_x <= exit_y:
+            cx += 1 if vx > 0.0 else -1
+        else:
+            cy += 1 if vy > 0.0 else -1
+        following = palette_index[cx % nx, cy % ny, k] if s < length else palette
+        if following != palette or s >= length:
+            for b in range(tau.size):
+                tau[b] += mu_t[palette, b] * run
+            palette, run = following, 0.0

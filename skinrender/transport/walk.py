@@ -1,0 +1,214 @@
+"""The photon walk of one band: blocks of lanes through the passes until every history has ended (paper, section 7.1).
+
+    fly -> wrap -> meet_borders -> locate -> gather -> collide -> settle
+
+A dead lane is relaunched in place with the next history; when none is left, the last live lane moves into the hole.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skinrender.transport import kernel
+from skinrender.transport.borders import INSIDE, LEFT_BOTTOM, LEFT_TOP, PERIODIC, cross, enter_surface, place
+from skinrender.transport.emission import emit, tile_position
+from skinrender.transport.gather import gather
+from skinrender.transport.lanes import (
+    ABSORBED, ARRIVED, BORDER, EVENT, FLOAT_ROWS, FRESH, INT_ROWS, LANES, NULL, SCATTERED, STRAIGHT, TISSUE,
+    UNSCATTERED, UX, UY, UZ, X, Y, Z,
+)
+from skinrender.transport.move import fly, locate, mark_sides, wrap
+from skinrender.transport.turn import collide
+from skinrender.transport.rng import draw, seed_words
+from skinrender.transport.tally import (
+    BORDER_HITS, COLLISIONS_NULL, EMITTED, PER_LAYER, REFLECTED, REFLECTED_UNSCATTERED, SIDES, SPECULAR, TRANSMITTED,
+    TRANSMITTED_UNSCATTERED,
+)
+
+EMPTY = -1  # value of a lane's FRESH when no history is left for it
+
+
+@kernel
+def launch(f, w, i, source, medium, relief, light, tally, cursor):
+    """Starts the next history that enters the skin in lane i; False when none is left.
+
+    cursor[0] counts the histories used up. Light that never enters is tallied as specular.
+    """
+    key, first, count, tiles_x, tiles_y, z_mean, store_first = source
+    borders = medium.borders
+    while cursor[0] < count:
+        index = cursor[0]
+        cursor[0] += 1
+        w0, w1, w2, w3 = seed_words(key, first + index)
+        w[i], w[LANES + i], w[2 * LANES + i], w[3 * LANES + i] = w0, w1, w2, w3
+        u, v = tile_position(index, count, tiles_x, tiles_y, draw(w, i, LANES), draw(w, i, LANES))
+        x, y, ux, uy, uz = emit(light, borders.size[0], borders.size[1], z_mean, u, v, draw(w, i, LANES), draw(w, i, LANES))
+        tally[EMITTED] += 1
+        entered, bounces, x, y, z, ux, uy, uz = enter_surface(
+            w, i, borders, relief, x, y, 0.0, ux, uy, uz, False
+        )
+        if not entered:
+            tally[REFLECTED] += 1
+            tally[SPECULAR] += 1
+            tally[REFLECTED_UNSCATTERED] += 1
+            continue
+        straight = STRAIGHT if bounces == 0 and not store_first else 0
+        w[FRESH + i] = straight | UNSCATTERED
+        place(f, w, i, borders, medium.majorant, relief, 0, x, y, z, ux, uy, uz, borders.rough[0], 1.0)
+        return True
+    return False
+
+
+@kernel
+def leave(f, w, i, status, tally, exits):
+    """Tallies a photon that left the volume; `exits` (or None) collects x, y, ux, uy, uz, scattered of the upward ones."""
+    unscattered = (w[FRESH + i] & UNSCATTERED) != 0
+    if status == LEFT_TOP:
+        if exits is not None:
+            k = tally[REFLECTED] - tally[SPECULAR]
+            exits[k, 0], exits[k, 1] = f[X + i], f[Y + i]
+            exits[k, 2], exits[k, 3], exits[k, 4] = f[UX + i], f[UY + i], f[UZ + i]
+            exits[k, 5] = 0.0 if unscattered else 1.0
+        tally[REFLECTED] += 1
+        if unscattered:
+            tally[REFLECTED_UNSCATTERED] += 1
+    elif status == LEFT_BOTTOM:
+        tally[TRANSMITTED] += 1
+        if unscattered:
+            tally[TRANSMITTED_UNSCATTERED] += 1
+    else:
+        tally[SIDES] += 1
+
+
+@kernel
+def kept(w, i, z, z_top, keep):
+    """Roulette on storage: whether a photon stored at z is kept.
+
+    keep[0] = depth bins per mm below z_top, then the probability of each bin, the last for all that is deeper; None
+    keeps all. z is rounded as it is stored, so that its bin can be found again from the map.
+    """
+    if keep is None:
+        return True
+    below = np.float64(np.float32(z)) - z_top
+    probability = keep[1 + max(0, min(np.int64(below * keep[0]), keep.size - 2))]
+    return probability >= 1.0 or draw(w, i, LANES) < probability
+
+
+@kernel
+def store_photon(f, w, i, stored, position, direction, z_top):
+    """Writes the scattering event of lane i as photon number `stored` of the map."""
+    position[stored, 0] = f[X + i]
+    position[stored, 1] = f[Y + i]
+    position[stored, 2] = f[Z + i] + z_top
+    packed = w[ARRIVED + i]
+    direction[stored, 0] = np.uint16(np.uint32(packed) & np.uint32(0xFFFF))
+    direction[stored, 1] = np.uint16(np.uint32(packed) >> np.uint32(16))
+
+
+@kernel
+def move_lane(f, w, source, target):
+    """Copies the state of one lane onto another."""
+    for row in range(FLOAT_ROWS):
+        f[row * LANES + target] = f[row * LANES + source]
+    for row in range(INT_ROWS):
+        w[row * LANES + target] = w[row * LANES + source]
+
+
+@kernel
+def settle(f, w, n, source, medium, relief, light, keep, position, direction, stored, tally, cursor):
+    """Last pass: stores the scattering events, ends the absorbed photons and launches others in their lanes.
+
+    Returns (photons stored so far, whether a lane is left empty).
+    """
+    holes = False
+    for i in range(n):
+        event = w[EVENT + i]
+        if event == SCATTERED:
+            tally[PER_LAYER + medium.layers + w[TISSUE + i]] += 1
+            fresh = w[FRESH + i]
+            w[FRESH + i] = 0
+            if position is not None:
+                if fresh & STRAIGHT == 0 and kept(w, i, f[Z + i] + medium.z_top, medium.z_top, keep):
+                    store_photon(f, w, i, stored, position, direction, medium.z_top)
+                    stored += 1
+        elif event == ABSORBED:
+            tally[PER_LAYER + w[TISSUE + i]] += 1
+            if not launch(f, w, i, source, medium, relief, light, tally, cursor):
+                w[FRESH + i] = EMPTY
+                holes = True
+        elif w[BORDER + i] == 0:
+            tally[COLLISIONS_NULL] += 1
+    return stored, holes
+
+
+@kernel
+def meet_borders(f, w, n, source, medium, relief, light, tally, exits, cursor):
+    """Follows the few flights that may have met a border; relaunches the lanes of photons that left."""
+    holes = False
+    for i in range(n):
+        if w[BORDER + i] != 0:
+            status = cross(f, w, i, medium.borders, medium.majorant, relief)
+            tally[BORDER_HITS] += w[BORDER + i]
+            if status != INSIDE:
+                leave(f, w, i, status, tally, exits)
+                if not launch(f, w, i, source, medium, relief, light, tally, cursor):
+                    w[FRESH + i] = EMPTY
+                    holes = True
+    return holes
+
+
+@kernel
+def close_holes(f, w, n):
+    """Moves the last live lanes into the empty ones; returns the number of lanes in flight."""
+    i = 0
+    while i < n:
+        if w[FRESH + i] == EMPTY:
+            n -= 1
+            move_lane(f, w, n, i)
+        else:
+            i += 1
+    return n
+
+
+@kernel
+def walk(f, w, source, light, medium, relief, keep, position, direction, tally, exits, state):
+    """Walks the histories of `source`; returns early, to be called again, when the output arrays are nearly full.
+
+    Parameters
+    ----------
+    f, w : buffers of `lanes.new_block`.
+    source : (key, first index, count, tiles x, tiles y, depth of the mean plane, store first scatterings).
+    light : parameters of `emission.light_parameters`.
+    medium, relief : `medium.Medium` of the band; `borders.Relief` or None.
+    keep : roulette on storage, see `kept`, or None.
+    position, direction : (n, 3) float32 and (n, 2) uint16 to fill, n > LANES, or None: nothing is stored.
+    tally : (columns,) int64, added to.
+    exits : (histories, 6) float32 or None, see `leave`.
+    state : int64 [histories used up, lanes in flight, photons stored in this call]; 0 lanes in flight: finished.
+    """
+    cursor = state[0:1]
+    n = state[1]
+    stored = 0
+    room = np.int64(0x7FFFFFFFFFFFFFFF)
+    if position is not None:
+        room = position.shape[0] - LANES
+    if cursor[0] == 0:
+        while n < LANES and launch(f, w, n, source, medium, relief, light, tally, cursor):
+            n += 1
+    while n > 0 and stored <= room:
+        fly(f, w, n, medium.slabs)
+        if medium.borders.sides == PERIODIC:
+            wrap(f, n, medium.period[0], medium.period[1])
+        else:
+            mark_sides(f, w, n, medium.period[0], medium.period[1])
+        holes_left = meet_borders(f, w, n, source, medium, relief, light, tally, exits, cursor)
+        locate(f, w, n, medium.cells_per_mm, medium.last_cell)
+        gather(f, w, n, medium.grid, medium.plane_slab, medium.thresholds, medium.anisotropy, medium.layer)
+        collide(f, w, n)
+        stored, holes = settle(
+            f, w, n, source, medium, relief, light, keep, position, direction, stored, tally, cursor
+        )
+        if holes or holes_left:
+            n = close_holes(f, w, n)
+    state[1] = n
+    state[2] = stored
