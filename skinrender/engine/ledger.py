@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -49,9 +50,13 @@ class Ledger:
         self._per_band, self._total = Batches(), Batches()
         self._began = time.monotonic()
 
-    def add(self, counts: RoundCounts) -> None:
-        """Enter the next round. Raises `RunError` if its photons do not add up."""
-        check_counts(counts)
+    def add(self, walked: Any) -> None:
+        """Enter the next round, anything with the members of `store.RoundCounts`; only these are kept.
+
+        Raises `RunError` if its photons do not add up.
+        """
+        check_counts(walked)
+        counts = RoundCounts(walked.index, walked.emitted, walked.stored_per_band, walked.tallies)
         fractions = _fractions(counts.tallies)
         self.counts = counts.tallies.copy() if self.counts is None else self.counts + counts.tallies
         self.stored += counts.stored
@@ -93,7 +98,7 @@ class Ledger:
         return power / math.fsum(power)
 
 
-def check_counts(counts: RoundCounts) -> None:
+def check_counts(counts: Any) -> None:
     """Raise `RunError` unless every photon of the round is known to have left or to have been absorbed."""
     tallies, emitted = counts.tallies, counts.tallies[:, tally.EMITTED]
     layers = (tallies.shape[1] - tally.PER_LAYER) // 2

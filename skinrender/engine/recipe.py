@@ -73,7 +73,7 @@ class VolumeRecipe:
 def scene_recipe(scene: Any, volume_path: str | Path) -> VolumeRecipe:
     """The photon pass of a scene in its volume; camera, film and estimate are not read.
 
-    Raises `InputError` if there is no volume yet.
+    Raises `InputError` if there is no volume yet, or one of other bands.
     """
     from skinrender.photonmap.light import light_from_scene
     from skinrender.skin.volume import load_volume
@@ -81,5 +81,10 @@ def scene_recipe(scene: Any, volume_path: str | Path) -> VolumeRecipe:
     volume_path = Path(volume_path).absolute()
     if not volume_path.is_file():
         raise InputError("there is no volume", where=str(volume_path), remedy="run `skinrender build` first")
-    light = light_from_scene(scene, load_volume(volume_path).wavelength_nm)
-    return VolumeRecipe(volume_path, light, scene.photons.roulette)
+    if not np.array_equal(load_volume(volume_path).wavelength_nm, scene.wavelength_nm):
+        raise InputError(
+            "the volume has other wavelength bands than the scene",
+            where=str(volume_path),
+            remedy="run `skinrender build` again",
+        )
+    return VolumeRecipe(volume_path, light_from_scene(scene), scene.photons.roulette)

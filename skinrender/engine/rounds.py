@@ -76,10 +76,11 @@ class RoundPlan:
     @property
     def rounds_enough(self) -> int:
         """Rounds that will hold the wanted photons all but surely; what shards walk together."""
-        count = self.rounds_expected
-        while self.stored_wanted and not self._surely_enough(count):
-            count += 1
-        return count
+        if not self.stored_wanted:
+            return MIN_ROUNDS
+        doubt = SIGMAS * math.hypot(self.stored_stderr, self.round_spread / math.sqrt(self.rounds_expected))
+        surely = self.stored_per_round * (1 - min(doubt, 0.5))
+        return max(MIN_ROUNDS, math.ceil(self.stored_wanted / surely))
 
     @property
     def stored_expected(self) -> float:
@@ -95,10 +96,6 @@ class RoundPlan:
     def rounds_bytes(self) -> float:
         """Size of the rounds' files; they and the map exist together for a moment."""
         return (BYTES_PER_PHOTON - 1) * self.stored_expected + 1e6
-
-    def _surely_enough(self, count: int) -> bool:
-        doubt = SIGMAS * math.hypot(self.stored_stderr, self.round_spread / math.sqrt(count))
-        return count * self.stored_per_round * (1 - min(doubt, 0.5)) >= self.stored_wanted
 
 
 def run_pilot(photon_pass: Any, share: np.ndarray) -> Pilot:

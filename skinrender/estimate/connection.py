@@ -58,8 +58,8 @@ def refracted_pencil(lateral, height, depth, eta):
 
     Returns
     -------
-    tan_outside, cos_outside, cos_inside : angles of the passage to the normal.
-    spread : d(omega)/dA, 1/mm2; cos^2/height^2... at the surface, 1/distance^2 for eta = 1.
+    cos_outside, cos_inside : cosines of the passage to the normal.
+    spread : d(omega)/dA, 1/mm2; 1/distance^2 for eta = 1.
     """
     low, high = 0.0, lateral / height
     if eta > 1.0:
@@ -83,7 +83,7 @@ def refracted_pencil(lateral, height, depth, eta):
     cos_i = math.sqrt(max(1e-30, 1.0 - eta * eta * t * t * cos_o * cos_o))
     ratio = cos_o / cos_i
     spread = cos_o**3 / (cos_i * (height + depth * eta * ratio) * (height + depth * eta * ratio**3))
-    return t, cos_o, cos_i, spread
+    return cos_o, cos_i, spread
 
 
 @kernel
@@ -100,7 +100,7 @@ def connect(lamp, tile_x, tile_y, lx, ly, periodic, eta, x, y, z):
     if lamp.is_point:
         to_x, to_y = x - (lamp.x + tile_x * lx), y - (lamp.y + tile_y * ly)
         lateral = math.sqrt(to_x * to_x + to_y * to_y)
-        t, cos_o, dz, strength = refracted_pencil(lateral, lamp.height, z, eta)
+        cos_o, dz, strength = refracted_pencil(lateral, lamp.height, z, eta)
         sin_i = math.sqrt(max(0.0, 1.0 - dz * dz))
         dx, dy = (sin_i * to_x / lateral, sin_i * to_y / lateral) if lateral > 0.0 else (0.0, 0.0)
     else:

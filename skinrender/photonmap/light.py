@@ -118,7 +118,7 @@ def _check_footprint(beam: CollimatedLight, size_mm: tuple[float, float]) -> Non
     reach = beam.radius_mm * np.sqrt(1.0 + stretch**2)
     if np.any(beam.position_mm - reach < 0.0) or np.any(beam.position_mm + reach > size_mm):
         raise InputError(
-            f"the beam of radius {beam.radius_mm:g} mm at {tuple(beam.position_mm.tolist())} mm reaches beyond the patch",
+            f"the beam of radius {beam.radius_mm:g} mm at {tuple(beam.position_mm.tolist())} reaches beyond the patch",
             where="light.radius_mm",
             remedy="make it smaller, move it, or leave radius_mm out to light the whole patch",
         )

@@ -169,8 +169,12 @@ def _check_shapes(photon_map: PhotonMap) -> None:
         _expect(getattr(photon_map, name), name, None, (bands,))
     _expect(photon_map.bounds_mm, "bounds_mm", "f8", (2, 3))
     _expect(photon_map.tallies, "tallies", "i8", (photon_map.rounds, bands, photon_map.tallies.shape[-1]))
-    if (keep := photon_map.keep_probability) is not None:
-        _expect(keep, "keep_probability", "f4", (bands, photon_map.depth_edges_mm.size - 1))
+    keep, edges = photon_map.keep_probability, photon_map.depth_edges_mm
+    if (keep is None) != (edges is None):
+        raise ValueError("keep_probability and depth_edges_mm do not go without each other")
+    if keep is not None:
+        _expect(edges, "depth_edges_mm", "f8", (edges.size,))
+        _expect(keep, "keep_probability", "f4", (bands, edges.size - 1))
         if not ((keep >= 0) & (keep <= 1)).all():
             raise ValueError("keep_probability is not a probability")
     for name in ("wavelength_nm", "power_per_band", "bounds_mm"):

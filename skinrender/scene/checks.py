@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -18,6 +19,8 @@ def presence_problems(data: dict[str, Any]) -> Found:
     skin, slab = data.get("skin") is not None, data.get("slab") is not None
     if skin and slab:
         yield Problem(("slab",), "stands beside skin; a scene has either skin or slab, remove one of them")
+    elif "skin" in data and not skin and not slab:
+        yield Problem(("skin",), "holds nothing; write 'skin: {site: forearm}'")
     elif not skin and not slab:
         yield Problem((), "has neither skin nor slab; add 'skin: {site: forearm}' or a slab with its layers")
     if slab and not skin and data.get("lesions"):
@@ -44,11 +47,27 @@ def _beam(scene: Scene) -> Found:
         text = "has no effect on a beam over the whole patch; add radius_mm, or remove it"
         yield Problem(("light", "position_mm"), text)
     else:
-        yield from _outside_patch(scene, ("light", "position_mm"), light.position_mm)
+        inside = list(_outside_patch(scene, ("light", "position_mm"), light.position_mm))
+        yield from inside or _footprint(scene)
     if light.radius_mm == 0 and light.irradiance_W_per_mm2 != usual["irradiance_W_per_mm2"].default:
         yield Problem(("light", "irradiance_W_per_mm2"), "a pencil (radius_mm: 0) has no irradiance; give power_W")
     if light.radius_mm != 0 and light.power_W != usual["power_W"].default:
         yield Problem(("light", "power_W"), "only a pencil (radius_mm: 0) has a power; give irradiance_W_per_mm2")
+
+
+def _footprint(scene: Scene) -> Found:
+    """A disc of light must fall on the patch as a whole, for its power is that of the whole beam."""
+    light, size = scene.light, scene.patch.size_mm
+    if not light.radius_mm:
+        return
+    slope, azimuth = math.tan(math.radians(light.zenith_deg)), math.radians(light.azimuth_deg)
+    place = light.position_mm or (size[0] / 2, size[1] / 2)
+    for center, side, cosine in zip(place, size, (math.cos(azimuth), math.sin(azimuth)), strict=True):
+        reach = light.radius_mm * math.hypot(1, slope * cosine)
+        if reach > min(center, side - center):
+            text = f"got {light.radius_mm:g}; the beam reaches beyond the patch, make it smaller or move it, "
+            yield Problem(("light", "radius_mm"), text + "or leave radius_mm out to light the whole patch")
+            return
 
 
 def _outside_patch(scene: Scene, path: tuple[str, ...], place: tuple[float, float] | None) -> Found:
@@ -59,7 +78,7 @@ def _outside_patch(scene: Scene, path: tuple[str, ...], place: tuple[float, floa
 
 
 def _furrows(scene: Scene) -> Found:
-    if scene.slab is not None and scene.relief.kind == "procedural" and scene.relief.families is None:
+    if scene.skin is None and scene.relief.kind == "procedural" and scene.relief.families is None:
         yield Problem(("relief", "families"), "missing; only skin has furrows of its own, list those of the slab")
 
 

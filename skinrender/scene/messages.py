@@ -5,6 +5,7 @@ What is allowed at a place is read from the JSON Schema, so the messages can not
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 from pydantic import ValidationError
@@ -15,10 +16,13 @@ from skinrender.scene.schema import json_schema
 _YES_NO = {"yes": "true", "on": "true", "no": "false", "off": "false"}
 
 
+# Making the schema takes longer than all else here.
+_schema = functools.cache(json_schema)
+
+
 def validation_problems(error: ValidationError, data: Any) -> list[Problem]:
     """One problem for each thing that pydantic found wrong with `data`."""
-    schema = json_schema()
-    return [_problem(item, data, schema) for item in error.errors(include_url=False)]
+    return [_problem(item, data, _schema()) for item in error.errors(include_url=False)]
 
 
 def _problem(item: dict[str, Any], data: Any, root: dict[str, Any]) -> Problem:
@@ -169,7 +173,7 @@ def _remedy(value: Any, path: tuple[str, ...], data: Any, root: dict[str, Any]) 
         text += f" (did you mean '{_YES_NO[value.lower()]}'?)"
     elif isinstance(value, str) and members[0].get("type") in ("number", "integer"):
         text += ", without quotes or unit"
-    elif not isinstance(value, (dict, list, tuple)) and members[0].get("type") == "string":
+    elif not isinstance(value, (str, dict, list, tuple)) and members[0].get("type") == "string":
         text += "; put it in quotes"
     return text
 
@@ -218,5 +222,5 @@ def _lengths(node: dict[str, Any], what: str, unit: str) -> str:
 
 def _bounds(node: dict[str, Any]) -> str:
     names = (("exclusiveMinimum", ">"), ("minimum", ">="), ("exclusiveMaximum", "<"), ("maximum", "<="))
-    bounds = [f"{sign} {node[name]:.12g}" for name, sign in names if name in node]
+    bounds = [f"{sign} {node[name]:.15g}" for name, sign in names if name in node]
     return " " + " and ".join(bounds) if bounds else ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 from skinrender.errors import InputError
@@ -27,12 +28,13 @@ def apply_overrides(source: Source, overrides: Iterable[str]) -> None:
                 "an override is key.path=value", where=where, remedy="for example --set photons.stored=1e6"
             )
         given = parse_source(value_text, where, numbered=False)
-        source.problems += given.problems
+        source.problems += [replace(problem, path=(*steps, *problem.path)) for problem in given.problems]
         _put(source.data, steps, given.data, where)
         stale = [path for path in source.marks if path[: len(steps)] == steps]
         for path in stale:
             del source.marks[path]
-        source.marks[steps] = Mark(where)
+        for length in range(1, len(steps) + 1):
+            source.marks.setdefault(steps[:length], Mark(where))
 
 
 def _put(data: Any, steps: tuple[str, ...], value: Any, where: str) -> None:

@@ -40,7 +40,9 @@ class ProceduralRelief(Part):
         2.0, description="standard deviation of the fine roughness added to the furrows"
     )
     seed: Seed = Field(1, description="seed of the furrows' places and the noise")
-    samples: tuple[Samples, Samples] = Field((400, 400), description="samples of the height field along x and y")
+    samples: tuple[Samples, Samples] | None = Field(
+        None, description="samples of the height field along x and y; left out = as many as the furrows need"
+    )
 
 
 def _ascending_range(range_um: tuple[float, float]) -> tuple[float, float]:

@@ -99,17 +99,20 @@ class LayerOverride(Part):
         None, description="refractive index: a number or a table wavelength_nm: value"
     )
     mu_a_per_mm: Coefficient | None = Field(
-        None, description="absorption coefficient in place of the layer's composition: a number or a table"
+        None,
+        description="absorption coefficient in place of that of blood, water, fat and the layer's own melanin: a number or a table",
     )
     mu_s_per_mm: Coefficient | None = Field(None, description="scattering coefficient: a number or a table")
-    g: Anisotropy | None = Field(None, description="mean cosine of the scattering angle: a number or a table")
+    g: Anisotropy | None = Field(
+        None, description="mean cosine of the scattering angle: a number or a table; alone, it keeps mu_s (1 - g)"
+    )
 
     @model_validator(mode="after")
     def _check(self) -> LayerOverride:
         if (self.water or 0) + (self.fat or 0) > 1:
             raise mistake(f"water ({self.water:g}) and fat ({self.fat:g}) add up to more than 1; lower one of them")
         if self.mu_a_per_mm is not None:
-            composition = ("melanosome", "blood", "saturation", "vessel_radius_um", "water", "fat")
+            composition = ("blood", "saturation", "vessel_radius_um", "water", "fat")
             without_effect = [key for key in composition if getattr(self, key) is not None]
             if without_effect:
                 raise mistake(

@@ -29,7 +29,7 @@ _TABLE_NAMES = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LayerOptics:
     """Coefficients of one layer for P melanin contents: mu_a, mu_s, g (P, B), 1/mm; refractive_index (B,)."""
 
@@ -55,7 +55,7 @@ class LayerSpec:
     name: str
     thickness_mm: float
     voxel_layers: int = 1
-    tissue: Tissue = Tissue()
+    tissue: Tissue = field(default_factory=Tissue)
     explicit: Mapping[str, float | Mapping[float, float]] = field(default_factory=dict)
 
     def optics(self, wavelength_nm: np.ndarray, melanin: np.ndarray) -> LayerOptics:
@@ -105,9 +105,9 @@ def skin_layers(site: str, overrides: Mapping[str, object]) -> tuple[LayerSpec, 
     """
     unknown = set(overrides) - set(LAYER_NAMES)
     if unknown:
-        raise InputError(f"there is no layer {sorted(unknown)[0]!r}", remedy=f"Layers: {', '.join(LAYER_NAMES)}.")
-    return tuple(_overridden(layer, overrides[layer.name]) if layer.name in overrides else layer
-                 for layer in site_layers(site))  # fmt: skip
+        raise InputError(f"there is no layer {min(unknown)!r}", remedy=f"Layers: {', '.join(LAYER_NAMES)}.")
+    layers = site_layers(site)
+    return tuple(_overridden(layer, overrides[layer.name]) if layer.name in overrides else layer for layer in layers)
 
 
 def slab_layers(described: Sequence[object]) -> tuple[LayerSpec, ...]:
@@ -150,11 +150,15 @@ def _site_layer(row: Mapping[str, str]) -> LayerSpec:
 def _overridden(layer: LayerSpec, override: object) -> LayerSpec:
     composition = {k: v for k in _COMPOSITION if (v := getattr(override, k)) is not None}
     thickness_um, voxel_layers = override.thickness_um, override.voxel_layers
+    try:
+        tissue = replace(layer.tissue, **composition)
+    except InputError as error:
+        raise InputError(str(error), where=f"skin.layers.{layer.name}") from error
     return replace(
         layer,
         thickness_mm=layer.thickness_mm if thickness_um is None else thickness_um / 1000,
         voxel_layers=layer.voxel_layers if voxel_layers is None else voxel_layers,
-        tissue=replace(layer.tissue, **composition),
+        tissue=tissue,
         explicit=_explicit(override),
     )
 

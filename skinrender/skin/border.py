@@ -18,6 +18,7 @@ import numpy as np
 from skinrender.errors import InputError
 from skinrender.skin.anatomy import EPIDERMIS, LayerSpec, border_depths
 from skinrender.skin.relief import shaped_noise
+from skinrender.skin.spline import control_points
 
 WAVE_PEAK_TO_VALLEY_UM = {"forearm": 40.0, "cheek": 25.0}
 WAVE_PERIOD_UM = 110.0
@@ -30,7 +31,7 @@ _ROOM = 1.1
 """How much higher than the largest displacement the fading stretch must be, so that no border overtakes the next."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fold:
     """How far a border at each depth follows relief and wave.
 
@@ -60,12 +61,13 @@ def papillae(
     size_mm: tuple[float, float], samples: tuple[int, int], columns: tuple[int, int], peak_to_valley_um: float,
     period_um: float,
 ) -> np.ndarray:  # fmt: skip
-    """Wave of the dermal-epidermal border at the samples (hx, hy), mm, mean 0, within half the peak-to-valley height.
+    """Wave of the dermal-epidermal border as control points (hx, hy), mm, nowhere beyond half its height.
 
     A regular wave of 110 um on columns of 50 um would alias into stripes. This is band-limited noise: irregular
     papillae of random direction and phase with the given period, or with 2.5 columns where the columns cannot resolve
-    it, so that no frequency exceeds that of the columns. Its distribution of heights, which sets the color of the skin,
-    is that of the finer wave. The sample spacing likewise limits the period to 2.5 samples.
+    it (2.5 samples where the samples cannot), so that no frequency exceeds that of the columns. Its root mean square
+    is that of the sine x sine wave of the same height, a quarter of it, whatever the period: the spread of epidermal
+    thickness, which sets the color of the skin, is kept.
     """
     coarsest_mm = max(length / count for axis in (columns, samples) for length, count in zip(size_mm, axis))
     period_mm = max(1e-3 * period_um, _COLUMNS_PER_PERIOD * coarsest_mm)
@@ -73,8 +75,8 @@ def papillae(
     fy = np.fft.rfftfreq(samples[1], size_mm[1] / samples[1])
     ring = np.exp(-0.5 * ((np.hypot(fx, fy) * period_mm - 1) / _BANDWIDTH) ** 2)
     noise = shaped_noise(ring, samples, np.random.default_rng(_WAVE_SEED))
-    wave = 0.5e-3 * peak_to_valley_um * np.tanh(1.2 * noise)
-    return wave - wave.mean()
+    half_mm = 0.5e-3 * peak_to_valley_um
+    return np.clip(control_points(0.5 * half_mm * noise), -half_mm, half_mm)
 
 
 def limit_wave(wave_mm: np.ndarray, layers: Sequence[LayerSpec]) -> np.ndarray:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import os
+import itertools
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
-from skinrender.errors import InputError
 from skinrender.optics.tables import spectrum_on_bands
 from skinrender.scene import BUILD_PARTS, Scene, scene_hash
 from skinrender.skin.anatomy import LayerSpec, border_depths, skin_layers, slab_layers
 from skinrender.skin.heights import Heights, scene_heights
+from skinrender.skin.memory import require_memory
 from skinrender.skin.pattern import read_pattern
 from skinrender.skin.spline import evaluate_grid
 from skinrender.skin.stack import DermalMacule, VoxelStack, voxel_stack
@@ -41,6 +40,8 @@ def build_volume(scene: Scene) -> SkinVolume:
         z_edges_mm, index = stack.depth_mm, entry[stack.column_class]
     else:
         z_edges_mm, index = _folded(stack, entry, heights, tuple(scene.patch.size_mm))
+        used = _drop_unused(index, palette_layer.size)
+        palette_layer, palette_melanin = palette_layer[used], palette_melanin[used]
     return SkinVolume(
         palette_index=index,
         z_edges_mm=z_edges_mm,
@@ -92,7 +93,7 @@ def _optics(
     below = scene.below.refractive_index
     n_below = n[-1] if below is None else spectrum_on_bands(below, wavelength_nm, where="below.refractive_index")
     fresnel = scene.inner_borders == "fresnel" or (scene.inner_borders == "auto" and flat and scene.slab is not None)
-    steps = [k for k, (a, b) in enumerate(zip(n[1:-1], n[2:])) if np.any(a != b)]
+    steps = [k for k, (a, b) in enumerate(itertools.pairwise(n[1:])) if np.any(a != b)]
     return {
         "mu_a": mu_a, "mu_s": mu_s, "g": g, "refractive_index": np.stack(n), "wavelength_nm": wavelength_nm,
         "n_outside": n_outside, "n_below": np.array(n_below), "fresnel_borders": tuple(steps) if fresnel else (),
@@ -111,6 +112,7 @@ def _folded(
     depth = stack.depth_mm
     below = int(np.searchsorted(depth, heights.fold.bottom_mm - 1e-9))
     changes = [0, *(k for k in range(1, below) if np.any(entry[:, k] != entry[:, k - 1]))]
+    _check_memory(stack.column_class.shape, 0, len(changes))
     border_mm = np.stack([evaluate_grid(heights.at(depth[k]), size_mm, x, y) for k in changes])
     planes = _planes(heights, float(border_mm.max()), min(PLANE_MM, 0.5 * _thinnest_mm(stack, below)))
     content = np.concatenate([np.zeros((len(entry), 1), np.uint16), entry[:, changes]], axis=1)
@@ -155,28 +157,28 @@ def _sampled(
     return index
 
 
+def _drop_unused(index: np.ndarray, palette_size: int) -> np.ndarray:
+    """Renumber voxels, in place, to the palette entries (P,) bool that a plane or column met, air among them."""
+    used = np.zeros(palette_size, bool)
+    used[0] = True
+    for plane in index:
+        used[plane] = True
+    if not used.all():
+        number = (np.cumsum(used) - 1).astype(np.uint16)
+        for plane in index:
+            plane[...] = number[plane]
+    return used
+
+
 def _provenance(scene: Scene) -> dict:
     described = scene.model_dump(mode="json", include=set(BUILD_PARTS), exclude_none=True)
     return {"stage": "build", "hash": scene_hash(scene, BUILD_PARTS), "scene": described}
 
 
-def _check_memory(columns: tuple[int, int], voxel_layers: int) -> None:
-    """Refuse a volume that memory cannot hold, before any of it is made."""
-    needed, available = 2 * columns[0] * columns[1] * voxel_layers, available_bytes()
-    if needed > available:
-        raise InputError(
-            f"a volume of {columns[0]} x {columns[1]} x {voxel_layers} voxels takes {needed / 1e9:.1f} GB, "
-            f"{available / 1e9:.1f} GB of memory are free",
-            where="patch.columns",
-            remedy="Use fewer columns or voxel layers.",
-        )
-
-
-def available_bytes() -> int:
-    """Memory that can be had without swapping."""
-    meminfo = Path("/proc/meminfo")
-    if meminfo.exists():
-        for line in meminfo.read_text().splitlines():
-            if line.startswith("MemAvailable:"):
-                return 1024 * int(line.split()[1])
-    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+def _check_memory(columns: tuple[int, int], voxel_layers: int, borders: int = 0) -> None:
+    require_memory(
+        columns[0] * columns[1] * (2 * voxel_layers + 8 * borders),
+        f"a volume of {columns[0]} x {columns[1]} x {voxel_layers} voxels",
+        where="patch.columns",
+        remedy="Use fewer columns or voxel layers.",
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import warnings
 import zlib
 from pathlib import Path
 
@@ -37,7 +38,9 @@ def read_gray(
 
     path, names = Path(path), " or ".join(formats)
     try:
-        image = Image.open(path, formats=formats)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # _check_size refuses it
+            image = Image.open(path, formats=formats)
     except FileNotFoundError as error:
         raise InputError("there is no such image", where=str(path), remedy="Paths are relative to the scene.") from error
     except (*_DAMAGED, Image.DecompressionBombError) as error:

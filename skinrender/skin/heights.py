@@ -13,14 +13,17 @@ from skinrender.scene import Scene
 from skinrender.skin import border, relief
 from skinrender.skin.anatomy import LayerSpec, border_depths
 from skinrender.skin.gray import read_gray
+from skinrender.skin.memory import require_memory
 from skinrender.skin.spline import control_points
 
 MAX_MAP_VALUES = 1 << 26
+_BYTES_PER_SAMPLE = 160
+"""Peak of what drawing a relief holds: about twenty arrays of float64."""
 FLAT_MM = 1e-9
 """A surface that nowhere leaves its mean by more is flat."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Heights:
     """Surface and wave as control points (hx, hy) f4, mm, None where flat; at least one is not.
 
@@ -44,11 +47,10 @@ class Heights:
             z += wave_share * self.wave_mm
         return z
 
-    def borders_mm(self, layers: Sequence[LayerSpec]) -> np.ndarray:
-        """Control points (T - 1, hx, hy) f4 of the inner borders."""
+    def borders_mm(self, layers: Sequence[LayerSpec]) -> np.ndarray | None:
+        """Control points (T - 1, hx, hy) f4 of the inner borders; None when there is but one layer."""
         depths = border_depths([layer.thickness_mm for layer in layers])[1:-1]
-        some = self.wave_mm if self.surface_mm is None else self.surface_mm
-        return np.array([self.at(depth) for depth in depths], np.float32).reshape(-1, *some.shape)
+        return np.stack([self.at(depth) for depth in depths]).astype(np.float32) if depths.size else None
 
 
 def scene_heights(scene: Scene, layers: Sequence[LayerSpec]) -> Heights | None:
@@ -59,7 +61,15 @@ def scene_heights(scene: Scene, layers: Sequence[LayerSpec]) -> Heights | None:
     InputError : the height map is unusable, or the relief is deeper than the layers.
     """
     size_mm = tuple(scene.patch.size_mm)
+    if scene.relief.kind == "flat" and (scene.skin is None or _wave_height_um(scene) == 0):
+        return None
     samples = _samples(scene)
+    require_memory(
+        samples[0] * samples[1] * (_BYTES_PER_SAMPLE + 4 * len(layers)),
+        f"a height field of {samples[0]} x {samples[1]} samples",
+        where="patch.size_mm" if scene.relief.kind == "height_map" else "relief",
+        remedy="Use a smaller patch, fewer samples, or a flat relief and border_wave.",
+    )
     surface = _surface(scene, samples)
     if surface is not None:
         surface = control_points(surface).astype(np.float32)
@@ -95,14 +105,17 @@ def _wave(
 ) -> np.ndarray | None:
     if scene.skin is None:
         return None
-    described = scene.skin.border_wave
-    height_um, period_um = described.peak_to_valley_um, described.period_um
-    height_um = border.WAVE_PEAK_TO_VALLEY_UM[scene.skin.site] if height_um is None else height_um
+    height_um, period_um = _wave_height_um(scene), scene.skin.border_wave.period_um
     if height_um == 0:
         return None
     period_um = border.WAVE_PERIOD_UM if period_um is None else period_um
     wave = border.papillae(size_mm, samples, tuple(scene.patch.columns), height_um, period_um)
-    return border.limit_wave(control_points(wave), layers).astype(np.float32)
+    return border.limit_wave(wave, layers).astype(np.float32)
+
+
+def _wave_height_um(scene: Scene) -> float:
+    given = scene.skin.border_wave.peak_to_valley_um
+    return border.WAVE_PEAK_TO_VALLEY_UM[scene.skin.site] if given is None else given
 
 
 def _read_heights_um(scene: Scene) -> np.ndarray:

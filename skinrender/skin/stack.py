@@ -14,7 +14,7 @@ from skinrender.skin.macule import darken_dermis, darken_epidermis, merge_below
 MAX_PALETTE = 1 << 16
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DermalMacule:
     """A dermal lesion with its pattern read.
 
@@ -29,7 +29,7 @@ class DermalMacule:
     half_layers: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class VoxelStack:
     """Voxel layers, top to bottom, of C classes of columns.
 

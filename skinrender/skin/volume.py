@@ -17,7 +17,7 @@ SIDES = ("periodic", "open", "dielectric")
 _REMEDY = "Make it again with `skinrender build`."
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SkinVolume:
     """Voxels, their optics, and the borders of the layers; z points down, z = 0 is the mean plane of the surface.
 

@@ -165,28 +165,32 @@ def test_workers_that_keep_dying_end_the_run(tmp_path):
         run(tmp_path, workers=2, recipe=FakeRecipe(accident=("always dies", tmp_path)))
 
 
+PROGRAM = f"""
+import sys
+sys.path[:0] = {[str(Path(__file__).parent), *sys.path]!r}
+from fake_pass import FakeRecipe, fake_scene
+from skinrender.engine.trace import trace
+if __name__ == "__main__":
+    recipe = FakeRecipe(slow_s=0.02)
+    trace(fake_scene(), "unused", sys.argv[1], workers=int(sys.argv[2]), resume=True, recipe=recipe)
+"""
+
+
 def test_killed_run_resumes_to_the_same_bytes(tmp_path, whole):
     """SIGKILL at random moments, as often as it takes."""
-    program = (
-        f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
-        "from fake_pass import FakeRecipe, fake_scene\n"
-        "from skinrender.engine.trace import trace\n"
-        "if __name__ == '__main__':\n"
-        "    trace(fake_scene(), 'unused', sys.argv[1], workers=int(sys.argv[2]), resume=True,"
-        " recipe=FakeRecipe(slow_s=0.01))\n"
-    )
-    script = tmp_path / "run.py"
-    script.write_text(program)
-    folder = tmp_path / "out"
-    moments = random.Random(3)
+    script, folder, moments = tmp_path / "run.py", tmp_path / "out", random.Random(3)
+    script.write_text(PROGRAM)
+    walked = [0]
     for workers in ("1", "2", "1"):
-        process = subprocess.Popen([sys.executable, str(script), str(folder), workers], stderr=subprocess.DEVNULL)
-        deadline = time.monotonic() + 10
-        while not list(folder.glob("rounds/round-*")) and time.monotonic() < deadline and process.poll() is None:
+        process = subprocess.Popen([sys.executable, str(script), str(folder), workers])
+        deadline = time.monotonic() + 20
+        while len(store.round_files(folder / "rounds")) <= walked[-1] and time.monotonic() < deadline:
             time.sleep(0.005)
-        time.sleep(moments.uniform(0, 0.15))
+        time.sleep(moments.uniform(0, 0.1))
         process.kill()
         process.wait()
+        walked.append(len(store.round_files(folder / "rounds")))
+    assert 0 < walked[1] < walked[2] < walked[3] < 36
     run(folder, resume=True)
     assert bytes_of(folder) == bytes_of(whole)
     assert {path.name for path in folder.iterdir()} == {"photons.npz"}

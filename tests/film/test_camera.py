@@ -52,7 +52,8 @@ def test_subpixels_average_to_their_pixel():
 @pytest.mark.parametrize("kind", ["orthographic", "perspective"])
 def test_tilt_keeps_the_center_and_stands_at_its_azimuth(kind):
     rays = view_rays(
-        camera(kind=kind, distance_mm=50.0, pixels=(1, 1), center_mm=(2.0, 3.0), zenith_deg=60.0, azimuth_deg=90.0), SIZE
+        camera(kind=kind, distance_mm=50.0, pixels=(1, 1), center_mm=(2.0, 3.0), zenith_deg=60.0, azimuth_deg=90.0),
+        SIZE,
     )
     assert on_plane(rays)[0, 0] == pytest.approx((2.0, 3.0, 0.0))
     assert rays.direction[0, 0] == pytest.approx((0.0, -np.sin(np.pi / 3), 0.5))

@@ -20,7 +20,9 @@ from skinrender.photonmap.light import (
 def scene(**light):
     described = {"spectrum": "E", "position_mm": None, "zenith_deg": 0.0, "azimuth_deg": 0.0, "radius_mm": None}
     patch = SimpleNamespace(size_mm=(10.0, 8.0))
-    return SimpleNamespace(light=SimpleNamespace(**{**described, **light}), patch=patch, wavelength_nm=(450.0, 550.0, 650.0))
+    return SimpleNamespace(
+        light=SimpleNamespace(**{**described, **light}), patch=patch, wavelength_nm=(450.0, 550.0, 650.0)
+    )
 
 
 def test_solid_angle_of_a_cube_face_from_its_center():
@@ -64,7 +66,9 @@ def test_beam_and_pencil_carry_their_own_power():
 
 def test_a_beam_beyond_the_patch_is_refused():
     with pytest.raises(InputError, match="beyond the patch"):
-        light_from_scene(scene(kind="collimated", irradiance_W_per_mm2=2.0, radius_mm=3.9, zenith_deg=60.0, azimuth_deg=90.0))
+        light_from_scene(
+            scene(kind="collimated", irradiance_W_per_mm2=2.0, radius_mm=3.9, zenith_deg=60.0, azimuth_deg=90.0)
+        )
 
 
 def test_sky_light():

@@ -20,7 +20,9 @@ def rough(hx=24, hy=16, amplitude=0.1, seed=3):
 
 def hit(heights, start, direction, s_max, side, lx=LX, ly=LY):
     direction = np.asarray(direction, float)
-    return first_hit(heights, *cell_bounds(heights), lx, ly, *start, *(direction / np.linalg.norm(direction)), s_max, side)
+    return first_hit(
+        heights, *cell_bounds(heights), lx, ly, *start, *(direction / np.linalg.norm(direction)), s_max, side
+    )
 
 
 def brute_force(heights, start, direction, s_max, side, steps=4000):
@@ -73,8 +75,12 @@ def test_slopes_are_the_derivatives_of_the_height():
     heights, d = rough(), 1e-6
     for x, y in np.random.default_rng(1).uniform(0.0, 2.0, (20, 2)):
         _, slope_x, slope_y = height_and_gradient(heights, LX, LY, x, y)
-        assert slope_x == pytest.approx((height(heights, LX, LY, x + d, y) - height(heights, LX, LY, x - d, y)) / (2 * d), abs=1e-6)
-        assert slope_y == pytest.approx((height(heights, LX, LY, x, y + d) - height(heights, LX, LY, x, y - d)) / (2 * d), abs=1e-6)
+        assert slope_x == pytest.approx(
+            (height(heights, LX, LY, x + d, y) - height(heights, LX, LY, x - d, y)) / (2 * d), abs=1e-6
+        )
+        assert slope_y == pytest.approx(
+            (height(heights, LX, LY, x, y + d) - height(heights, LX, LY, x, y - d)) / (2 * d), abs=1e-6
+        )
 
 
 def test_normal_of_a_spherical_dent_converges_at_second_order():
@@ -176,7 +182,16 @@ def test_flat_surface(shape):
 
 def test_flights_along_cell_borders_and_through_corners():
     heights = rough(3, 2, 0.2)
-    for direction in [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (1, 1, 0), (-1, -1, 0), (1, 1, 0.05), (-1, 1, -0.05)]:
+    for direction in [
+        (1, 0, 0),
+        (-1, 0, 0),
+        (0, 1, 0),
+        (0, -1, 0),
+        (1, 1, 0),
+        (-1, -1, 0),
+        (1, 1, 0.05),
+        (-1, 1, -0.05),
+    ]:
         unit = np.array(direction) / np.linalg.norm(direction)
         start = np.array([1.0, 1.0, height(heights, LX, LY, 1.0, 1.0) + 0.02])
         s = hit(heights, start, unit, 6.0, 1.0)
@@ -200,7 +215,9 @@ def test_a_thin_ridge_is_not_stepped_over():
 
 def test_float32_control_points_are_taken():
     heights = rough().astype(np.float32)
-    assert hit(heights, (1.0, 1.0, -5.0), (0, 0, 1), 9.0, -1.0) == pytest.approx(5.0 + height(heights, LX, LY, 1.0, 1.0))
+    assert hit(heights, (1.0, 1.0, -5.0), (0, 0, 1), 9.0, -1.0) == pytest.approx(
+        5.0 + height(heights, LX, LY, 1.0, 1.0)
+    )
 
 
 def test_slab_interval():

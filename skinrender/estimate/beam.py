@@ -1,0 +1,79 @@
+"""The beam radiance estimate (paper, section 7.2; Jarosz et al. 2008) of a photon map, streamed once in file order.
+
+For ray q, photons i at depth D_i, kernel K taken horizontally at equal depth:
+
+    L(q) = (1 - F) / n^2 sum_i K(|x_q(D_i) - x_i|) exp(-tau_q(D_i)) p(w_i . -w_q) Phi_i / |w_q . grad D|
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skinrender.estimate.deposit import deposit
+from skinrender.estimate.kernel_filter import filter_slab
+from skinrender.estimate.radius import gather_radius_mm, radius_levels
+from skinrender.estimate.scatter_image import ScatteredLight, batches_of
+from skinrender.estimate.stream import Band, Stream
+
+
+def estimate_beam(stream: Stream, gather_count: int) -> ScatteredLight:
+    """Beam estimate of the multiply scattered light.
+
+    Parameters
+    ----------
+    gather_count : photons that a beam should meet, on average; sets the kernel's radius.
+    """
+    lattice, volume = stream.lattice, stream.volume
+    h, w = lattice.shape
+    depths, photons_per_sample = stream.sampled_depths()
+    visible = int(np.sum(depths < lattice.depth_edges_mm[-1]) * photons_per_sample)
+    radius = gather_radius_mm(gather_count, visible, volume.size_mm)
+    level, radii = radius_levels(volume, lattice.entry[:, :2], lattice.shape, lattice.spacing_mm, radius)
+    inside = lattice.hit.reshape(h, w).astype(np.float32)
+
+    def filtered(images: np.ndarray) -> np.ndarray:
+        parts = (filter_slab(image.reshape(h, w), level, radii, inside, stream.covers_patch) for image in images)
+        return np.array(list(parts))
+
+    batches = batches_of(stream.photon_map.rounds)
+    radiance = np.zeros((h, w, stream.photon_map.bands), np.float32)
+    y_image = np.zeros((len(batches), lattice.slabs, h * w), np.float32)
+    totals = np.zeros(len(batches))
+    seen = 0
+    for band in stream.bands():
+        factor = slab_factor(band)
+        add = _depositor(stream, band, factor, y_image, totals)
+        image, count = band.over_batches(batches, add, (lattice.slabs, h * w))
+        seen += count
+        slabs = np.array_split(image, stream.threads)
+        shown = np.concatenate(list(stream.pool.map(filtered, slabs))).reshape(factor.shape) * factor
+        radiance[:, :, band.index] = shown.sum(axis=0).reshape(h, w)
+    rounds = np.array([len(batch) for batch in batches])
+    scale = stream.photon_map.rounds / rounds
+    batch_y = np.array([filtered(images).sum(axis=0) for images in y_image]) * scale[:, None, None]
+    met = np.pi * np.mean(radii[level] ** 2) if radii[0] > 1.0 else 1.0
+    return ScatteredLight(radiance, batch_y, totals * scale / (h * w), rounds, seen * met / (h * w))
+
+
+def slab_factor(band: Band) -> np.ndarray:
+    """What an entry of a slab image adds to the radiance outside, (S, Q) f4: transmittance to mid-slab included."""
+    middle = 0.5 * (band.tau[1:] + band.tau[:-1])
+    return (np.exp(-middle) * band.outside_power / band.stream.lattice.bin_area[:, None]).astype(np.float32)
+
+
+def _depositor(stream: Stream, band: Band, factor: np.ndarray, y_image: np.ndarray, totals: np.ndarray):
+    """The function that deposits one round of a band."""
+    lattice = stream.lattice
+    palette, g = band.anisotropy
+    y_weight = np.float32(stream.y_weight[band.index])
+
+    def add(index: int, batch: int, image: np.ndarray) -> int:
+        count, total = deposit(
+            *band.photons(index), lattice.depth_edges_mm, lattice.region, lattice.to_lattice, lattice.bounds,
+            lattice.bin_start, lattice.rays, lattice.direction, band.tau, *lattice.shape, palette,
+            stream.volume.z_edges_mm, g, factor, y_weight, image, y_image[batch],
+        )  # fmt: skip
+        totals[batch] += total
+        return count
+
+    return add

@@ -1,0 +1,91 @@
+"""Point radiance estimate (paper, section 7; Jensen and Christensen 1998): photons in spheres round sample points.
+
+Each sample point stands in the middle of a march step of a view ray. The density in its sphere is divided by the part of
+the sphere that lies in the skin; without that, spheres that poke out of the surface lose 16 to 39 % of the light.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from skinrender.estimate.deposit import image_range, slab_of, unpack_direction, voxel_of
+from skinrender.transport import kernel
+from skinrender.transport.height_field import height
+from skinrender.transport.phase import phase_hg
+
+
+def sphere_inside_mm3(radius: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """Volume of spheres below a level surface; `depth` of their centers, both in mm."""
+    cap = np.clip(radius - depth, 0.0, 2.0 * radius)
+    return 4.0 / 3.0 * np.pi * radius**3 - np.pi * cap**2 * (3.0 * radius - cap) / 3.0
+
+
+@kernel
+def gather_points(
+    position, direction, first, last, keep, z_top, lx, ly, periodic, relief, edges, radius, region, to_lattice, bounds,
+    start, rays, points, ray_direction, h, w, palette_index, z_edges, g, factor, y_weight, image, y_image,
+):
+    """Adds the photons first..last-1 of one band to all sample points whose sphere holds them.
+
+    radius (S,): of the spheres of each step; points (S, Q, 2); factor (S, Q): transmittance x march step / sphere
+    volume x power, what a unit of phase function adds to the radiance outside. Else as `deposit.deposit`; image (Q,).
+    """
+    contributions, total = 0, 0.0
+    slabs = edges.size - 1
+    widest = radius.max()
+    deepest = edges[slabs] + widest
+    for i in range(first, last):
+        x, y, z = np.float64(position[i, 0]), np.float64(position[i, 1]), np.float64(position[i, 2])
+        if z >= deepest + (0.0 if relief is None else 1.0):
+            continue
+        depth = z
+        if relief is not None:
+            depth = z - height(relief, lx, ly, x, y)
+        if depth >= deepest:
+            continue
+        weight = 1.0
+        if keep is not None:
+            weight = 1.0 / keep[1 + max(0, min(int((z - z_top) * keep[0]), keep.size - 2))]
+        anisotropy = g[0]
+        if palette_index is not None:
+            anisotropy = g[voxel_of(palette_index, z_edges, lx, ly, x, y, z)]
+        ux, uy, uz = unpack_direction(direction[i, 0], direction[i, 1])
+        s = slab_of(edges, max(0.0, depth - widest))
+        while 0 <= s < slabs and edges[s] <= depth + widest:
+            below = 0.5 * (edges[s] + edges[s + 1]) - depth
+            rest = radius[s] * radius[s] - below * below
+            if rest > 0.0:
+                reach = math.sqrt(rest)
+                x_first, x_last, y_first, y_last = 0, 0, 0, 0
+                if periodic:
+                    x_first, x_last = image_range(x, lx, bounds[s, 0] - reach, bounds[s, 2] + reach)
+                    y_first, y_last = image_range(y, ly, bounds[s, 1] - reach, bounds[s, 3] + reach)
+                for kx in range(x_first, x_last + 1):
+                    for ky in range(y_first, y_last + 1):
+                        px, py = x + kx * lx, y + ky * ly
+                        m = to_lattice[s]
+                        row = m[0, 0] * px + m[0, 1] * py + m[0, 2] + 0.5
+                        column = m[1, 0] * px + m[1, 1] * py + m[1, 2] + 0.5
+                        # the lattice's bins are not quite square where it is seen aslant: take the larger stretch
+                        half_rows = reach * math.hypot(m[0, 0], m[0, 1])
+                        half_columns = reach * math.hypot(m[1, 0], m[1, 1])
+                        for a in range(max(0, int(math.floor(row - half_rows))), min(h, int(math.floor(row + half_rows)) + 1)):
+                            low = max(0, int(math.floor(column - half_columns)))
+                            high = min(w, int(math.floor(column + half_columns)) + 1)
+                            if low >= high:
+                                continue
+                            for k in range(start[s, a * w + low], start[s, a * w + high]):
+                                q = rays[s, k]
+                                dx, dy = points[s, q, 0] - px, points[s, q, 1] - py
+                                if dx * dx + dy * dy < rest:
+                                    wx, wy, wz = ray_direction[region[s], q]
+                                    phase = phase_hg(-(ux * wx + uy * wy + uz * wz), anisotropy)
+                                    shown = np.float32(weight * phase) * factor[s, q]
+                                    image[q] += shown
+                                    y_image[q] += shown * y_weight
+                                    total += shown
+                                    contributions += 1
+            s += 1
+    return contributions, total

@@ -1,0 +1,85 @@
+"""The point radiance estimate (paper, section 7: the usual one) of a photon map: sample points along the view rays.
+
+For ray q with sample points x_j every ds, spheres of radius r_j that hold about K photons:
+
+    L(q) = (1 - F) / n^2 sum_j ds exp(-tau_q(x_j)) sum_{i: |x_i - x_j| < r_j} p(w_i . -w_q) Phi_i / V_j
+
+V_j is the part of the sphere inside the skin. The radii follow from the map's density at each depth and are fixed
+before the sum, which keeps rounds independent.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skinrender.estimate.gather_points import gather_points, sphere_inside_mm3
+from skinrender.estimate.scatter_image import ScatteredLight, batches_of
+from skinrender.estimate.stream import Band, Stream
+
+MARCH_MM = 0.02
+WIDEST_MM = 0.1
+"""A sphere's vertical blur is of first order in its radius; wider ones smear the epidermis into the dermis."""
+
+
+def march_edges(deepest_mm: float) -> np.ndarray:
+    """Edges of equal march steps down to a depth."""
+    return np.linspace(0.0, deepest_mm, max(1, int(np.ceil(deepest_mm / MARCH_MM))) + 1)
+
+
+def sphere_radii_mm(stream: Stream, gather_count: int) -> np.ndarray:
+    """Radius at each march step, (S,), at which a sphere holds `gather_count` photons; between a bin and `WIDEST_MM`."""
+    edges = stream.lattice.depth_edges_mm
+    depths, photons_per_sample = stream.sampled_depths()
+    count = np.histogram(depths, edges)[0] * photons_per_sample
+    lx, ly = stream.volume.size_mm
+    density = np.maximum(count, 1.0) / (np.diff(edges) * lx * ly)
+    radius = np.cbrt(3.0 * gather_count / (4.0 * np.pi * density))
+    return np.clip(radius, stream.lattice.spacing_mm / 2, WIDEST_MM)
+
+
+def estimate_point(stream: Stream, gather_count: int) -> ScatteredLight:
+    """Point estimate of the multiply scattered light; the lattice's slabs are the march steps (`march_edges`).
+
+    Parameters
+    ----------
+    gather_count : photons that a sample point's sphere should hold, on average.
+    """
+    lattice = stream.lattice
+    h, w = lattice.shape
+    radius = sphere_radii_mm(stream, gather_count)
+    batches = batches_of(stream.photon_map.rounds)
+    radiance = np.zeros((h, w, stream.photon_map.bands), np.float32)
+    y_image = np.zeros((len(batches), h * w), np.float32)
+    totals = np.zeros(len(batches))
+    seen = 0
+    for band in stream.bands():
+        add = _gatherer(stream, band, radius, y_image, totals)
+        image, count = band.over_batches(batches, add, (h * w,))
+        seen += count
+        radiance[:, :, band.index] = image.reshape(h, w)
+    rounds = np.array([len(batch) for batch in batches])
+    scale = stream.photon_map.rounds / rounds
+    batch_y = y_image.reshape(-1, h, w) * scale[:, None, None]
+    return ScatteredLight(radiance, batch_y, totals * scale / (h * w), rounds, seen / (h * w * lattice.slabs))
+
+
+def _gatherer(stream: Stream, band: Band, radius: np.ndarray, y_image: np.ndarray, totals: np.ndarray):
+    """The function that gathers one round of a band."""
+    lattice = stream.lattice
+    edges = lattice.depth_edges_mm
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    step = np.diff(edges)[:, None] / sphere_inside_mm3(radius, middle)[:, None]
+    factor = (np.exp(-0.5 * (band.tau[1:] + band.tau[:-1])) * band.outside_power * step).astype(np.float32)
+    palette, g = band.anisotropy
+    y_weight = np.float32(stream.y_weight[band.index])
+
+    def add(index: int, batch: int, image: np.ndarray) -> int:
+        count, total = gather_points(
+            *band.photons(index), edges, radius, lattice.region, lattice.to_lattice, lattice.bounds, lattice.bin_start,
+            lattice.rays, lattice.point, lattice.direction, *lattice.shape, palette, stream.volume.z_edges_mm, g,
+            factor, y_weight, image, y_image[batch],
+        )  # fmt: skip
+        totals[batch] += total
+        return count
+
+    return add

@@ -1,0 +1,81 @@
+"""Kernel radii: as wide as the wanted gather count says, narrower where the tissue changes sideways.
+
+Each beam uses its own transmittance, so a wide kernel is nearly free of bias where the light inside is smooth sideways
+(up to about the transport mean free path). Next to a hard-edged lesion it is not: there the radius is bounded by the
+distance over which the absorbance of the epidermis stays alike.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy import ndimage
+
+from skinrender.skin.volume import SkinVolume
+
+WIDEST_MM = 0.3
+"""Wider kernels gain little and begin to blur: bias below 0.2 % of the mean at 0.3 mm on uniform tissue."""
+ALIKE = 0.05
+"""Largest difference in the epidermis' vertical absorbance within a kernel."""
+EPIDERMIS_MM = 0.15
+REFERENCE_NM = 450.0
+STEPS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 11.0, 15.0, 20.0, 27.0, 36.0)
+"""Radii in ray spacings that a bounded kernel may take; 1 is the single ray."""
+
+
+def gather_radius_mm(gather_count: int, photons: int, size_mm: tuple[float, float]) -> float:
+    """Radius at which a beam meets `gather_count` of the photons that lie under the patch, at most `WIDEST_MM`."""
+    per_area = photons / (size_mm[0] * size_mm[1])
+    return min(WIDEST_MM, math.sqrt(gather_count / (math.pi * max(per_area, 1e-12))))
+
+
+def absorbance(volume: SkinVolume) -> np.ndarray:
+    """Vertical absorbance of the tissue within `EPIDERMIS_MM` of the surface by column, (nx, ny), at 450 nm."""
+    band = int(np.argmin(np.abs(volume.wavelength_nm - REFERENCE_NM)))
+    mu_a = volume.mu_a[:, band]
+    planes = np.diff(volume.z_edges_mm)
+    tissue = volume.palette_layer > 0
+    total = np.zeros(volume.shape[:2])
+    depth = np.zeros(volume.shape[:2])
+    for k, thickness in enumerate(planes):
+        entry = volume.palette_index[:, :, k]
+        part = np.where(tissue[entry], np.clip(EPIDERMIS_MM - depth, 0.0, thickness), 0.0)
+        total += mu_a[entry] * part
+        depth += part
+        if np.all(depth >= EPIDERMIS_MM):
+            break
+    return total
+
+
+def radius_levels(
+    volume: SkinVolume, point: np.ndarray, shape: tuple[int, int], spacing_mm: float, widest_mm: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Radius of every ray: (h, w) index into radii in ray spacings, and those radii.
+
+    Parameters
+    ----------
+    point : (Q, 2) where the rays enter, mm.
+    shape, spacing_mm : of the ray lattice.
+    widest_mm : the radius where nothing bounds it.
+    """
+    widest = max(1.0, widest_mm / spacing_mm)
+    if len(np.unique(volume.palette_melanin)) <= len(volume.layer_name):
+        return np.zeros(shape, np.int32), np.array([widest])
+    radii = np.array([*(r for r in STEPS if r < widest), widest])
+    nx, ny = volume.shape[:2]
+    columns = np.floor(point[:, 0] / volume.size_mm[0] * nx).astype(int) % nx
+    rows = np.floor(point[:, 1] / volume.size_mm[1] * ny).astype(int) % ny
+    seen = absorbance(volume)[columns, rows].reshape(shape)
+    level = np.zeros(shape, np.int32)
+    alike = np.ones(shape, bool)
+    for k, radius in enumerate(radii[1:], start=1):
+        reach = int(np.ceil(radius))
+        offset = np.arange(-reach, reach + 1)
+        disc = offset[:, None] ** 2 + offset[None, :] ** 2 <= radius**2
+        spread = ndimage.maximum_filter(seen, footprint=disc, mode="wrap") - ndimage.minimum_filter(
+            seen, footprint=disc, mode="wrap"
+        )
+        alike &= spread <= ALIKE
+        level[alike] = k
+    return level, radii

@@ -1,0 +1,154 @@
+"""Streaming a photon map past the view rays, band by band: what the beam and the point estimate share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from skinrender.estimate.lattice import VISIBLE_DEPTH, RayLattice
+from skinrender.estimate.transmittance import allocate, view_optical_depth
+from skinrender.estimate.view_path import relief_arrays
+from skinrender.photonmap.photon_map import PhotonMap
+from skinrender.skin.volume import SkinVolume
+
+_BANDS_AT_ONCE = 8
+_SAMPLE = 200_000
+
+
+@dataclass(frozen=True, eq=False)
+class Stream:
+    """A photon map seen by the rays of a lattice.
+
+    Parameters
+    ----------
+    y_weight : (B,) luminance of one W mm^-2 sr^-1 in each band.
+    pool : threads; the kernels release the interpreter lock.
+    threads : their number.
+    progress : called with the number of photons done.
+    """
+
+    volume: SkinVolume
+    photon_map: PhotonMap
+    lattice: RayLattice
+    y_weight: np.ndarray
+    pool: ThreadPoolExecutor
+    threads: int
+    progress: Callable[[int], None]
+
+    def bands(self) -> Iterator[Band]:
+        """Each band with its optical depths along the rays, computed some bands at a time."""
+        count = self.photon_map.bands
+        for first in range(0, count, _BANDS_AT_ONCE):
+            chosen = np.arange(first, min(first + _BANDS_AT_ONCE, count))
+            for band, tau in zip(chosen, self._optical_depths(chosen)):
+                yield Band(self, int(band), tau)
+                self.progress(sum(self._photons(r, band) for r in range(self.photon_map.rounds)))
+
+    def sampled_depths(self) -> tuple[np.ndarray, float]:
+        """Depths below the surface of an even sample of the photons (z where it is flat), and photons per sample."""
+        position = self.photon_map.position
+        step = max(1, len(position) // _SAMPLE)
+        return np.asarray(position[::step, 2]), float(step)
+
+    @cached_property
+    def relief(self) -> np.ndarray | None:
+        """Control points of the surface, None when flat."""
+        return None if self.volume.surface_mm is None else relief_arrays(self.volume.surface_mm)[0]
+
+    @cached_property
+    def covers_patch(self) -> bool:
+        """Whether the lattice repeats seamlessly with a periodic patch."""
+        low_x, low_y, high_x, high_y = self.lattice.bounds[0]
+        size = [high_x - low_x, high_y - low_y]
+        return self.volume.sides == "periodic" and bool(np.allclose(size, self.volume.size_mm, rtol=1e-3))
+
+    def _photons(self, index: int, band: int) -> int:
+        part = self.photon_map.band_slice(index, int(band))
+        return part.stop - part.start
+
+    def _optical_depths(self, bands: np.ndarray) -> np.ndarray:
+        """Optical depth of every ray at the slab edges, (bands, S + 1, Q) f4."""
+        volume, lattice = self.volume, self.lattice
+        depth = allocate(lattice, len(bands))
+        mu_t = np.ascontiguousarray((volume.mu_a + volume.mu_s)[:, bands])
+        bounds = np.linspace(0, len(lattice.hit), 2 * self.threads + 1).astype(int)
+
+        def rays(k: int) -> None:
+            view_optical_depth(
+                volume.palette_index, volume.z_edges_mm, *volume.size_mm, mu_t, lattice.entry, lattice.direction,
+                lattice.region, lattice.path_edges, lattice.hit, 3 * VISIBLE_DEPTH, bounds[k], bounds[k + 1], depth,
+            )  # fmt: skip
+
+        list(self.pool.map(rays, range(len(bounds) - 1)))
+        return depth
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """One band of a stream.
+
+    Parameters
+    ----------
+    index : of the band.
+    tau : (S + 1, Q) f4, optical depth of the rays at the slab edges.
+    """
+
+    stream: Stream
+    index: int
+    tau: np.ndarray
+
+    @cached_property
+    def anisotropy(self) -> tuple[np.ndarray | None, np.ndarray]:
+        """(palette volume or None, g (P,)): None when all tissue has the same g."""
+        volume = self.stream.volume
+        g = np.ascontiguousarray(volume.g[:, self.index])
+        used = g[volume.palette_layer > 0]
+        return (None, used[:1].copy()) if np.ptp(used) == 0.0 else (volume.palette_index, g)
+
+    @cached_property
+    def keep(self) -> np.ndarray | None:
+        """Roulette table of the band: bins per mm and keep probabilities; None when all were kept."""
+        photon_map = self.stream.photon_map
+        if photon_map.keep_probability is None:
+            return None
+        bins_per_mm = 1.0 / (photon_map.depth_edges_mm[1] - photon_map.depth_edges_mm[0])
+        return np.concatenate([[bins_per_mm], photon_map.keep_probability[self.index]]).astype(np.float64)
+
+    @cached_property
+    def outside_power(self) -> np.ndarray:
+        """Power of a photon times the factor from radiance inside to radiance outside, (S, Q)."""
+        lattice = self.stream.lattice
+        outside = lattice.transmission[lattice.region, :, self.index] * self.stream.photon_map.power_per_band[self.index]
+        return np.where(lattice.hit, outside / lattice.descent, 0.0)
+
+    def photons(self, index: int) -> tuple:
+        """Photons of one round as the kernels take them: position, direction, first, last, roulette, geometry."""
+        s = self.stream
+        part = s.photon_map.band_slice(int(index), self.index)
+        lx, ly = s.volume.size_mm
+        return (
+            s.photon_map.position, s.photon_map.direction, part.start, part.stop, self.keep,
+            float(s.volume.z_edges_mm[0]), lx, ly, s.volume.sides == "periodic", s.relief,
+        )  # fmt: skip
+
+    def over_batches(self, batches: list[np.ndarray], add: Callable, shape: tuple[int, ...]) -> tuple[np.ndarray, int]:
+        """Run ``add(round, batch, image)`` over all rounds; a thread takes every n-th batch and has its own image.
+
+        Returns the sum of the images and of the counts that `add` returned.
+        """
+        threads = min(self.stream.threads, len(batches))
+
+        def run(thread: int) -> tuple[np.ndarray, int]:
+            image = np.zeros(shape, np.float32)
+            count = 0
+            for k in range(thread, len(batches), threads):
+                for index in batches[k]:
+                    count += add(int(index), k, image)
+            return image, count
+
+        done = list(self.stream.pool.map(run, range(threads)))
+        return np.sum([image for image, _ in done], axis=0), sum(count for _, count in done)

@@ -1,0 +1,29 @@
+"""Refusing what memory cannot hold, before any of it is made."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from skinrender.errors import InputError
+
+
+def available_bytes() -> int:
+    """Memory that can be had without swapping."""
+    meminfo = Path("/proc/meminfo")
+    if meminfo.exists():
+        for line in meminfo.read_text().splitlines():
+            if line.startswith("MemAvailable:"):
+                return 1024 * int(line.split()[1])
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+
+def require_memory(needed_bytes: int, what: str, where: str, remedy: str) -> None:
+    """Raise InputError when ``what`` takes more memory than there is."""
+    available = available_bytes()
+    if needed_bytes > available:
+        raise InputError(
+            f"{what} takes {needed_bytes / 1e9:.1f} GB of memory, {available / 1e9:.1f} GB are free",
+            where=where,
+            remedy=remedy,
+        )

@@ -1,0 +1,66 @@
+"""Layers and their optics."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from skinrender.errors import InputError
+from skinrender.optics import chromophores
+from skinrender.scene import make_scene
+from skinrender.skin.anatomy import LAYER_NAMES, LayerSpec, site_layers, slab_layers
+from skinrender.skin.builder import scene_layers
+
+NM = np.array([450.0, 600.0])
+
+
+def _skin(**layers):
+    patch = {"size_mm": [1, 1], "columns": [4, 4]}
+    return scene_layers(make_scene({"patch": patch, "bands_nm": [450, 600], "skin": {"layers": layers}}))
+
+
+@pytest.mark.parametrize("site", ["forearm", "cheek"])
+def test_sites_have_the_nine_layers(site):
+    layers = site_layers(site)
+    assert tuple(layer.name for layer in layers) == LAYER_NAMES
+    reticular = layers[LAYER_NAMES.index("reticular")]
+    assert reticular.thickness_mm / reticular.voxel_layers == pytest.approx(0.05)
+
+
+def test_overrides_replace_only_what_they_name():
+    layer = _skin(basal={"thickness_um": 12, "melanosome": 0.3, "voxel_layers": 3})[2]
+    own = site_layers("forearm")[2]
+    assert (layer.thickness_mm, layer.voxel_layers, layer.tissue.melanosome) == (0.012, 3, 0.3)
+    assert layer.tissue.water == own.tissue.water and layer.explicit == {}
+
+
+def test_impossible_composition_names_the_layer():
+    with pytest.raises(InputError, match="subcutis"):
+        _skin(subcutis={"water": 0.5})
+
+
+def test_explicit_absorption_takes_added_melanin_on_top():
+    layer = _skin(basal={"mu_a_per_mm": {400: 1, 800: 5}})[2]
+    own = layer.tissue.melanosome
+    mu_a = layer.optics(NM, np.array([own, own + 0.1])).mu_a
+    assert np.allclose(mu_a[0], [1.5, 3.0]) and np.allclose(mu_a[1] - mu_a[0], 0.1 * chromophores.melanosome(NM))
+
+
+def test_explicit_g_keeps_reduced_scattering():
+    own = site_layers("forearm")[3]
+    changed = LayerSpec(own.name, own.thickness_mm, 1, own.tissue, {"g": 0.5}).optics(NM, np.zeros(1))
+    before = own.optics(NM, np.zeros(1))
+    assert np.allclose(changed.g, 0.5) and np.allclose(changed.mu_s * 0.5, before.mu_s * (1 - before.g))
+
+
+def test_slab_layers_are_named_from_the_top():
+    described = [
+        SimpleNamespace(name=name, thickness_mm=1, voxel_layers=1, mu_a_per_mm=1, mu_s_per_mm=2, g=0, refractive_index=1.4)
+        for name in (None, "gel", None)
+    ]
+    assert [layer.name for layer in slab_layers(described)] == ["layer_1", "gel", "layer_3"]
+    described[0].name = "gel"
+    with pytest.raises(InputError, match="gel"):
+        slab_layers(described)

@@ -1,0 +1,73 @@
+"""Borders: thickness kept under the fold, fading below, papillae without stripes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from skinrender.errors import InputError
+from skinrender.skin import border, spline
+from skinrender.skin.anatomy import LayerSpec, border_depths, skin_layers
+from skinrender.skin.heights import Heights
+
+LAYERS = skin_layers("forearm", {})
+SIZE = (2.0, 2.0)
+
+
+def _fields(surface_mm, wave_mm):
+    surface = np.full((4, 4), surface_mm, np.float32)
+    wave = np.full((4, 4), wave_mm, np.float32)
+    heights = Heights(surface, wave, border.fold(LAYERS, 0.1))
+    return {
+        layer.name: float(heights.at(z)[0, 0])
+        for layer, z in zip(LAYERS, border_depths([layer.thickness_mm for layer in LAYERS])[1:])
+    }
+
+
+def test_epidermis_keeps_its_thickness_under_the_relief():
+    z = _fields(0.06, 0.0)
+    assert np.allclose([z["stratum_corneum"], z["granular_spinous"], z["basal"]], [0.08, 0.125, 0.135])
+
+
+def test_wave_thins_the_spinous_layer_only():
+    z = _fields(0.0, -0.02)
+    assert np.allclose([z["stratum_corneum"], z["granular_spinous"], z["basal"]], [0.02, 0.045, 0.055])
+
+
+def test_relief_and_wave_fade_out_by_the_bottom_of_the_subpapillary_layer():
+    z = _fields(0.06, 0.02)
+    # papillary bottom: 100 of 180 um down the fading stretch, 8/18 of the displacement is left
+    assert np.allclose([z["papillary"], z["subpapillary"], z["upper_plexus"]], [0.175 + 0.08 * 8 / 18, 0.255, 0.335])
+
+
+def test_deep_furrows_fade_over_more_layers():
+    assert border.fold(LAYERS, 0.22).bottom_mm == pytest.approx(0.335)
+    with pytest.raises(InputError, match="deeper|end at"):
+        border.fold(LAYERS, 9.0)
+
+
+def test_slab_fades_to_its_own_border():
+    fold = border.fold([LayerSpec("a", 0.5), LayerSpec("b", 2.0)], 0.1)
+    assert fold.bottom_mm == 0.5 and fold.shares(0.25) == (0.5, 0.0)
+
+
+def test_papillae_stay_within_their_height():
+    wave = border.papillae(SIZE, (80, 80), (40, 40), 40, 110)
+    x = np.linspace(0, 2, 400, endpoint=False)
+    z = spline.evaluate_grid(wave, SIZE, x, x)
+    assert np.abs(z).max() <= 0.02 + 1e-12 and 0.007 < z.std() < 0.0105 and abs(z.mean()) < 3e-4
+
+
+def test_papillae_do_not_alias_into_stripes():
+    """Seen by columns of 50 um, all directions and frequencies share the variance; a sine grid puts it in 4 peaks."""
+    center = (np.arange(80) + 0.5) * 0.05
+    wave = spline.evaluate_grid(border.papillae((4.0, 4.0), (160, 160), (80, 80), 40, 110), (4.0, 4.0), center, center)
+    grid = np.outer(np.sin(2 * np.pi * center / 0.11), np.sin(2 * np.pi * center / 0.11))
+    peak = [np.sort(np.abs(np.fft.fft2(z)).ravel() ** 2)[-4:].sum() / (z.size * (z**2).sum()) for z in (wave, grid)]
+    assert peak[0] < 0.05
+    assert peak[1] > 0.3
+
+
+def test_viable_epidermis_keeps_20_um():
+    wave = border.limit_wave(np.linspace(-0.2, 0.2, 9), LAYERS)
+    assert wave.min() == pytest.approx(-0.035) and wave.max() == 0.2
