@@ -112,7 +112,13 @@ class _Handout:
         """Drop what has not begun, wait for what has."""
         if self._enough is not None:
             self._enough.set()
-        self._executor.shutdown(wait=True, cancel_futures=True)
+        self._close()
+
+    def _close(self) -> None:
+        """Cancelled one by one: not every executor can cancel what is left when it shuts down."""
+        for _, future in self._pending:
+            future.cancel()
+        self._executor.shutdown(wait=True)
 
     def _submit(self, index: int) -> Future:
         try:
@@ -131,7 +137,7 @@ class _Handout:
                 "  try fewer --workers; what is finished is kept: go on with --resume\n"
                 "  (a script of your own must start the run under `if __name__ == '__main__':`)"
             ) from error
-        self._executor.shutdown(wait=True, cancel_futures=True)
+        self._close()
         self._executor = self._open_executor()
         self._pending = deque(
             (index, future if _has_result(future) else self._submit(index)) for index, future in self._pending

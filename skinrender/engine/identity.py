@@ -9,7 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1]
-WALK_SOURCES = ("transport", "photonmap/photon_pass.py", "engine/rounds.py")
+WALK_SOURCES = ("transport", "photonmap", "skin/regions.py", "engine/rounds.py")
 
 
 def program_identity() -> dict[str, str]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from skinrender.estimate.deposit import deposit
-from skinrender.estimate.kernel_filter import filter_slab
+from skinrender.estimate.kernel_filter import SlabFilter
 from skinrender.estimate.radius import gather_radius_mm, radius_levels
 from skinrender.estimate.scatter_image import ScatteredLight, batches_of
 from skinrender.estimate.stream import Band, Stream
@@ -29,11 +29,10 @@ def estimate_beam(stream: Stream, gather_count: int) -> ScatteredLight:
     visible = int(np.sum(depths < lattice.depth_edges_mm[-1]) * photons_per_sample)
     radius = gather_radius_mm(gather_count, visible, volume.size_mm)
     level, radii = radius_levels(volume, lattice.entry[:, :2], lattice.shape, lattice.spacing_mm, radius)
-    inside = lattice.hit.reshape(h, w).astype(np.float32)
+    slab_filter = SlabFilter(level, radii, lattice.hit.reshape(h, w).astype(np.float32), stream.covers_patch)
 
     def filtered(images: np.ndarray) -> np.ndarray:
-        parts = (filter_slab(image.reshape(h, w), level, radii, inside, stream.covers_patch) for image in images)
-        return np.array(list(parts))
+        return np.array([slab_filter(image.reshape(h, w)) for image in images])
 
     batches = batches_of(stream.photon_map.rounds)
     radiance = np.zeros((h, w, stream.photon_map.bands), np.float32)
@@ -46,12 +45,12 @@ def estimate_beam(stream: Stream, gather_count: int) -> ScatteredLight:
         image, count = band.over_batches(batches, add, (lattice.slabs, h * w))
         seen += count
         slabs = np.array_split(image, stream.threads)
-        shown = np.concatenate(list(stream.pool.map(filtered, slabs))).reshape(factor.shape) * factor
-        radiance[:, :, band.index] = shown.sum(axis=0).reshape(h, w)
+        shown = np.concatenate(list(stream.pool.map(filtered, slabs))).reshape(factor.shape)
+        radiance[:, :, band.index] = np.einsum("sq,sq->q", shown, factor).reshape(h, w)
     rounds = np.array([len(batch) for batch in batches])
     scale = stream.photon_map.rounds / rounds
     batch_y = np.array([filtered(images).sum(axis=0) for images in y_image]) * scale[:, None, None]
-    met = np.pi * np.mean(radii[level] ** 2) if radii[0] > 1.0 else 1.0
+    met = np.mean(np.maximum(1.0, np.pi * radii[level] ** 2))
     return ScatteredLight(radiance, batch_y, totals * scale / (h * w), rounds, seen * met / (h * w))
 
 

@@ -30,18 +30,20 @@ def gather_radius_mm(gather_count: int, photons: int, size_mm: tuple[float, floa
     return min(WIDEST_MM, math.sqrt(gather_count / (math.pi * max(per_area, 1e-12))))
 
 
-def absorbance(volume: SkinVolume) -> np.ndarray:
-    """Vertical absorbance of the tissue within `EPIDERMIS_MM` of the surface by column, (nx, ny), at 450 nm."""
+def lesion_absorbance(volume: SkinVolume) -> np.ndarray:
+    """Vertical absorbance by column, (nx, ny), that lesions add within `EPIDERMIS_MM` of the surface, at 450 nm."""
     band = int(np.argmin(np.abs(volume.wavelength_nm - REFERENCE_NM)))
-    mu_a = volume.mu_a[:, band]
-    planes = np.diff(volume.z_edges_mm)
+    added = np.zeros(len(volume.palette_layer))
+    for layer in np.unique(volume.palette_layer):
+        entries = np.flatnonzero(volume.palette_layer == layer)
+        added[entries] = volume.mu_a[entries, band] - volume.mu_a[entries, band].min()
     tissue = volume.palette_layer > 0
     total = np.zeros(volume.shape[:2])
     depth = np.zeros(volume.shape[:2])
-    for k, thickness in enumerate(planes):
+    for k, thickness in enumerate(np.diff(volume.z_edges_mm)):
         entry = volume.palette_index[:, :, k]
         part = np.where(tissue[entry], np.clip(EPIDERMIS_MM - depth, 0.0, thickness), 0.0)
-        total += mu_a[entry] * part
+        total += added[entry] * part
         depth += part
         if np.all(depth >= EPIDERMIS_MM):
             break
@@ -60,13 +62,14 @@ def radius_levels(
     widest_mm : the radius where nothing bounds it.
     """
     widest = max(1.0, widest_mm / spacing_mm)
-    if len(np.unique(volume.palette_melanin)) <= len(volume.layer_name):
+    absorbance = lesion_absorbance(volume)
+    if np.ptp(absorbance) <= ALIKE:
         return np.zeros(shape, np.int32), np.array([widest])
     radii = np.array([*(r for r in STEPS if r < widest), widest])
     nx, ny = volume.shape[:2]
     columns = np.floor(point[:, 0] / volume.size_mm[0] * nx).astype(int) % nx
     rows = np.floor(point[:, 1] / volume.size_mm[1] * ny).astype(int) % ny
-    seen = absorbance(volume)[columns, rows].reshape(shape)
+    seen = absorbance[columns, rows].reshape(shape)
     level = np.zeros(shape, np.int32)
     alike = np.ones(shape, bool)
     for k, radius in enumerate(radii[1:], start=1):

@@ -17,7 +17,9 @@ import numpy as np
 from skinrender.estimate.connection import connect, make_lamp
 from skinrender.estimate.sky import sky_single_scattering
 from skinrender.estimate.view_path import ViewPath, geometry_band
+from skinrender.photonmap.first_scattering import has_single_term, is_laterally_uniform
 from skinrender.photonmap.light import CollimatedLight, Light, SkyLight
+from skinrender.skin.regions import regions_of
 from skinrender.transport import kernel
 from skinrender.transport.fresnel import fresnel
 from skinrender.transport.optical_depth import add_optical_depth, first_cell, lateral_exit, plane_exit
@@ -25,30 +27,10 @@ from skinrender.transport.phase import phase_hg
 
 _DARK = 30.0  # optical depth beyond which nothing is seen
 # Steps under a point lamp, whose rays are not parallel: the first one in units of sqrt(height * shortest mean free
-# path), then a share of the path so far, at most a share of the height. Together they keep the error below 1e-4.
+# path), then a share of the path so far, at most a share of the height. Together they keep the error near 1e-4.
 _FIRST_STEP = 0.03
-_GROWTH = 0.25
+_GROWTH = 0.4
 _STEP_OF_HEIGHT = 0.02
-
-
-def has_single_term(volume: Any, light: Light) -> bool:
-    """Whether first scatterings are computed here; else they must be stored as photons.
-
-    They are when every passage from the lamp is unique and known: flat refracting borders, no pencil, and for a sky
-    a laterally uniform, periodic volume.
-    """
-    if volume.surface_mm is not None or (volume.fresnel_borders and volume.border_mm is not None):
-        return False
-    if isinstance(light, CollimatedLight):
-        return light.radius_mm != 0.0
-    if isinstance(light, SkyLight):
-        return volume.sides == "periodic" and is_laterally_uniform(volume.palette_index)
-    return True
-
-
-def is_laterally_uniform(palette_index: np.ndarray) -> bool:
-    """Whether all columns of the volume are alike."""
-    return bool((palette_index == palette_index[:1, :1]).all())
 
 
 def region_bottom_mm(volume: Any) -> float:
@@ -63,7 +45,7 @@ def single_scattering(view: ViewPath, volume: Any, light: Light) -> np.ndarray:
     """
     if not has_single_term(volume, light):
         return np.zeros_like(view.transmission)
-    eta = np.ascontiguousarray(volume.n_outside / volume.refractive_index[1])
+    eta = np.ascontiguousarray(volume.n_outside / regions_of(volume).index[1])
     mu_t = np.ascontiguousarray(volume.mu_a + volume.mu_s)
     z_end = region_bottom_mm(volume)
     if isinstance(light, SkyLight):
@@ -111,12 +93,13 @@ def _scatter_once(
     result = np.zeros((hit.size, eta.size))
     work = np.zeros((5, eta.size))
     first_step = _FIRST_STEP * math.sqrt(lamp.height / max(mu_t.max(), 1e-12))
+    visible = _DARK / max(mu_t[1:].min(), 1e-12)
     for q in range(hit.size):
         if not hit[q]:
             continue
         x, y = entry[q, 0], entry[q, 1]
         dx, dy, dz = direction[q]
-        length = _length_inside(x, y, dx, dy, dz, lx, ly, z_end, periodic)
+        length = min(visible, _length_inside(x, y, dx, dy, dz, lx, ly, z_end, periodic))
         tiles = _tiles(x, y, dx, dy, length, lx, ly, periodic and lamp.is_point)
         for tile_x in range(tiles[0], tiles[1] + 1):
             for tile_y in range(tiles[2], tiles[3] + 1):

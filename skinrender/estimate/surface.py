@@ -16,6 +16,7 @@ import numpy as np
 
 from skinrender.estimate.view_path import ViewPath, relief_arrays
 from skinrender.photonmap.light import CollimatedLight, Light, PointLight, SkyLight
+from skinrender.skin.regions import regions_of
 from skinrender.transport import kernel
 from skinrender.transport.frame import frame
 from skinrender.transport.fresnel import fresnel
@@ -68,7 +69,7 @@ def surface_reflection(view: ViewPath, volume: Any, light: Light, finish: Any) -
     ----------
     finish : the scene's finish: `roughness` (GGX alpha) and `oil` (share of the film's smoother reflection).
     """
-    eta = np.ascontiguousarray(volume.n_outside / volume.refractive_index[1])
+    eta = np.ascontiguousarray(volume.n_outside / regions_of(volume).index[1])
     relief = None if volume.surface_mm is None else _relief(volume.surface_mm)
     lx, ly = map(float, volume.size_mm)
     foot = np.mod(view.entry[:, :2], volume.size_mm) if volume.sides == "periodic" else view.entry[:, :2]

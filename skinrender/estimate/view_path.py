@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from skinrender.skin.regions import regions_of
 from skinrender.transport import kernel
 from skinrender.transport.fresnel import fresnel, refract
 from skinrender.transport.height_field import cell_bounds, first_hit, height_and_gradient, slab_interval
@@ -66,7 +67,7 @@ def make_view_path(origin: np.ndarray, direction: np.ndarray, volume: Any) -> Vi
     )
     if volume.sides != "periodic":
         hit &= (entry[:, 0] >= 0.0) & (entry[:, 0] <= lx) & (entry[:, 1] >= 0.0) & (entry[:, 1] <= ly)
-    eta = np.ascontiguousarray(volume.n_outside / volume.refractive_index[1])
+    eta = np.ascontiguousarray(volume.n_outside / regions_of(volume).index[1])
     band = geometry_band(volume.wavelength_nm)
     for values in (entry, normal):
         values[~hit] = 0.0

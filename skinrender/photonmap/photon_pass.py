@@ -7,6 +7,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
+from skinrender.photonmap.first_scattering import has_single_term
 from skinrender.photonmap.light import CollimatedLight, Light, PointLight
 from skinrender.photonmap.roulette import DepthTable, keep_all, keep_visible
 from skinrender.skin.regions import regions_of
@@ -161,7 +162,7 @@ class PhotonPass:
         medium, real = self._medium(band)
         tiles = np.maximum(1, np.ceil(np.array(self.volume.size_mm) / TILE_MM)).astype(int)
         z_mean = -float(self.volume.z_edges_mm[0])
-        first_too = self._relief is not None
+        first_too = not has_single_term(self.volume, self.light)
         source = (stream_key(self.seed, band, WALK_STAGE), index * count, count, int(tiles[0]), int(tiles[1]), z_mean, first_too)
         keep = self.depth_table.thresholds(band)
         position = np.empty((_BUFFER, 3), np.float32) if store else None

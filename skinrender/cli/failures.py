@@ -1,0 +1,58 @@
+"""The one place where what went wrong becomes a message on stderr and an exit code."""
+
+from __future__ import annotations
+
+import errno
+import os
+import sys
+from typing import Any, NoReturn
+
+import click
+
+from skinrender.errors import InputError, RunError
+
+FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
+_KEPT = "interrupted; files that were finished are kept, the same command goes on from them"
+_REMEDIES = {
+    errno.ENOSPC: "free some room on the disk, or choose another with -o",
+    errno.EDQUOT: "free some of your quota, or choose another disk with -o",
+    errno.EROFS: "choose a folder that can be written with -o",
+    errno.EACCES: "make it readable and writable for you, or choose another folder with -o",
+    errno.EPERM: "make it readable and writable for you, or choose another folder with -o",
+    errno.EMFILE: "allow more open files (ulimit -n), or use fewer --workers",
+}
+
+
+class FailureGroup(click.Group):
+    """Turns every failure that a user can cause into one message and an exit code; all others stay visible."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            result = super().invoke(ctx)
+            sys.stdout.flush()
+            return result
+        except InputError as error:
+            _stop(ctx, f"error: {error}", BAD_INPUT)
+        except RunError as error:
+            _stop(ctx, f"failed: {error}", FAILED)
+        except KeyboardInterrupt as error:
+            _stop(ctx, str(error) or _KEPT, INTERRUPTED)
+        except BrokenPipeError:
+            # Whoever read our output has gone: nothing to tell, and nothing for the interpreter to flush at its end.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            ctx.exit(FAILED)
+        except OSError as error:
+            _stop(ctx, f"failed: {_told(error)}", FAILED)
+        except MemoryError:
+            _stop(ctx, "failed: out of memory\n  use fewer columns, pixels or --workers", FAILED)
+
+
+def _stop(ctx: click.Context, message: str, code: int) -> NoReturn:
+    click.echo(message, err=True)
+    ctx.exit(code)
+
+
+def _told(error: OSError) -> str:
+    text = f"{error.filename}: {error.strerror}" if error.filename else str(error)
+    remedy = _REMEDIES.get(error.errno or 0)
+    return f"{text}\n  {remedy}" if remedy else text

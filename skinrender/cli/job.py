@@ -1,0 +1,87 @@
+"""A job: a scene, the folder its files go to, and the clock that runs meanwhile."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from skinrender.cli.console import Console
+from skinrender.errors import InputError
+
+if TYPE_CHECKING:
+    from skinrender.engine.clock import StageClock
+    from skinrender.scene import Scene
+
+
+@dataclass(frozen=True)
+class Job:
+    """What a command works on.
+
+    Parameters
+    ----------
+    scene : checked, options and overrides applied.
+    scene_path : as the user wrote it, for messages.
+    out : folder of the results; exists.
+    console : to speak to.
+    clock : seconds by stage.
+    """
+
+    scene: Scene
+    scene_path: Path
+    out: Path
+    console: Console
+    clock: StageClock
+
+    @property
+    def volume(self) -> Path:
+        return self.out / "volume.npz"
+
+    @property
+    def section(self) -> Path:
+        return self.out / "section.png"
+
+    @property
+    def photons(self) -> Path:
+        return self.out / "photons.npz"
+
+    @property
+    def exr(self) -> Path:
+        return self.out / f"{self.scene.estimate.method}.exr"
+
+    @property
+    def png(self) -> Path:
+        return self.out / f"{self.scene.estimate.method}.png"
+
+    def log_seconds(self, command: str, workers: int | None) -> None:
+        """Add this job's seconds to its ``timing.csv``."""
+        import os
+
+        from skinrender.engine.clock import append_timing
+
+        seconds = self.clock.seconds
+        append_timing(self.out / "timing.csv", seconds, command=command, workers=workers or os.cpu_count() or 1)
+
+
+def open_job(scene_path: Path, overrides: Iterable[str], output: Path | None, console: Console) -> Job:
+    """Read the scene and make its folder; raises `InputError` where either is impossible."""
+    from skinrender.engine.clock import StageClock
+    from skinrender.scene import load_scene
+
+    clock = StageClock()
+    with clock.stage("load"):
+        scene = load_scene(scene_path, overrides)
+    out = make_folder(output if output is not None else Path("out") / scene.name)
+    return Job(scene, scene_path, out, console, clock)
+
+
+def make_folder(path: Path) -> Path:
+    """The folder, made if need be."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise InputError(
+            "is not a folder", where=f"-o {path}", remedy="name a folder; it is made if there is none"
+        ) from None
+    return path

@@ -1,0 +1,190 @@
+"""The estimate stage: photon map and volume in, spectral picture out (paper, section 7.2).
+
+Radiance of a pixel = light reflected by the surface + single scattering + multiple scattering (beam or point).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from skinrender.engine.clock import StageClock
+from skinrender.errors import InputError
+from skinrender.estimate.beam import estimate_beam
+from skinrender.estimate.lattice import RayLattice, make_lattice, slab_edges, visible_depth_mm
+from skinrender.estimate.point import estimate_point, march_edges
+from skinrender.estimate.scatter_image import ScatteredLight, batch_stderr
+from skinrender.estimate.single import single_scattering
+from skinrender.estimate.stream import Stream
+from skinrender.estimate.surface import irradiance, surface_reflection
+from skinrender.estimate.view_path import make_view_path
+from skinrender.film.camera import view_rays
+from skinrender.film.color import exposure_for, y_weights
+from skinrender.film.spectral_image import SpectralImage
+from skinrender.photonmap.light import light_from_scene
+from skinrender.photonmap.photon_map import PhotonMap
+from skinrender.skin.volume import SkinVolume
+
+RELIEF_SUBPIXELS = 2
+METHODS = ("beam", "point")
+
+
+@dataclass(frozen=True, eq=False)
+class EstimateSummary:
+    """What the `estimate` command reports.
+
+    Parameters
+    ----------
+    mean_radiance, mean_radiance_stderr : over all pixels, summed over bands, W mm^-2 sr^-1.
+    nan_pixels : pixels with a value that is not finite.
+    photons_gathered : photons met by a beam or a sample point, on average.
+    stderr_relative_mean : mean over the lit pixels of the standard error of luminance over the luminance.
+    seconds : by stage.
+    """
+
+    method: str
+    mean_radiance: float
+    mean_radiance_stderr: float
+    nan_pixels: int
+    photons_gathered: float
+    stderr_relative_mean: float | None
+    seconds: Mapping[str, float] = field(default_factory=dict)
+
+    def as_json(self) -> dict[str, Any]:
+        """The object that ``skinrender estimate --json`` prints."""
+        stderr = self.mean_radiance_stderr
+        return {
+            "method": self.method,
+            "mean_radiance": {"value": self.mean_radiance, "stderr": stderr if np.isfinite(stderr) else None},
+            "nan_pixels": self.nan_pixels,
+            "photons_gathered_mean": self.photons_gathered,
+            "stderr_relative_mean": self.stderr_relative_mean,
+            "seconds": dict(self.seconds),
+        }
+
+
+def estimate(
+    scene: Any,
+    volume: SkinVolume,
+    photon_map: PhotonMap,
+    *,
+    method: str | None = None,
+    gather_count: int | None = None,
+    threads: int | None = None,
+    progress: bool = True,
+    clock: StageClock | None = None,
+) -> tuple[SpectralImage, EstimateSummary]:
+    """Estimate the picture of a scene from its photon map.
+
+    Parameters
+    ----------
+    scene : its camera, light, finish and estimate sections are read.
+    method, gather_count : other than the scene's.
+    threads : of the estimate; all cores by default.
+    progress : show a bar when on a terminal.
+    clock : receives the seconds of the stage ``estimate``.
+
+    Raises
+    ------
+    InputError : a method that does not exist, or borders that a view ray cannot be followed through.
+    """
+    method = method or scene.estimate.method
+    if method not in METHODS:
+        raise InputError(f"got {method!r}; allowed: {', '.join(METHODS)}", where="--method")
+    if volume.fresnel_borders and (volume.border_mm is not None or volume.surface_mm is not None):
+        raise InputError(
+            "pictures need flat borders where inner borders refract", where="inner_borders",
+            remedy="use `inner_borders: matched`, or a flat relief and no border wave",
+        )  # fmt: skip
+    clock = clock or StageClock()
+    with clock.stage("estimate"):
+        light = light_from_scene(scene)
+        subpixels = scene.estimate.subpixels or (1 if volume.surface_mm is None else RELIEF_SUBPIXELS)
+        rays = view_rays(scene.camera, volume.size_mm, subpixels)
+        edges = slab_edges(volume) if method == "beam" else march_edges(visible_depth_mm(volume))
+        lattice = make_lattice(rays.origin, rays.direction, volume, edges)
+        center = irradiance(light, np.array([0.5 * length for length in volume.size_mm]), volume.size_mm, True)
+        exposure = exposure_for(center, volume.wavelength_nm)
+        y_weight = y_weights(volume.wavelength_nm, exposure)
+        count = threads or os.cpu_count() or 1
+        hide = None if progress else True
+        with (
+            ThreadPoolExecutor(count) as pool,
+            tqdm(total=len(photon_map), unit=" photons", unit_scale=True, disable=hide, desc=method, leave=False) as bar,
+        ):
+            stream = Stream(volume, photon_map, lattice, y_weight, pool, count, bar.update)
+            gather = gather_count or scene.estimate.gather_count
+            scattered = (estimate_beam if method == "beam" else estimate_point)(stream, gather)
+        view = make_view_path(rays.origin, rays.direction, volume)
+        single = single_scattering(view, volume, light)
+        surface = np.zeros_like(single)
+        if not scene.camera.cross_polarized:
+            surface = surface_reflection(view, volume, light, scene.finish)
+        points = view.entry[:, :2] if lattice.hit.all() else _plane_points(rays)
+        falling = irradiance(light, points, volume.size_mm, volume.sides == "periodic")
+        parts = _Parts(lattice, subpixels, y_weight)
+        image = parts.image(scattered, single, surface, falling, exposure, volume, photon_map)
+    return image, _summary(method, image, parts, scattered, single, surface, clock)
+
+
+def _plane_points(rays: Any) -> np.ndarray:
+    """Where view rays meet the mean plane, (Q, 2); level ones stay where they start."""
+    origin, direction = rays.origin.reshape(-1, 3), rays.direction.reshape(-1, 3)
+    down = np.maximum(direction[:, 2:], 1e-6)
+    return (origin + direction * (-origin[:, 2:] / down))[:, :2]
+
+
+@dataclass(frozen=True, eq=False)
+class _Parts:
+    """Puts the parts of the radiance together and averages the rays of a pixel."""
+
+    lattice: RayLattice
+    subpixels: int
+    y_weight: np.ndarray
+
+    def pixels(self, values: np.ndarray) -> np.ndarray:
+        """Mean over the rays of each pixel: (..., Q) or (..., h k, w k) to (..., h, w)."""
+        k = self.subpixels
+        h, w = self.lattice.shape
+        lead = values.shape[: -2 if values.shape[-2:] == (h, w) else -1]
+        return values.reshape(*lead, h // k, k, w // k, k).mean(axis=(-3, -1))
+
+    def image(self, scattered: ScatteredLight, single, surface, falling, exposure, volume, photon_map) -> SpectralImage:
+        """The spectral picture; single, surface and falling are (Q, B)."""
+        h, w = self.lattice.shape
+        multiple = np.moveaxis(scattered.radiance, -1, 0).reshape(-1, h, w)
+        spectrum = self.pixels(multiple) + self.pixels((single + surface).T)
+        noise = batch_stderr(self.pixels(scattered.batch_y), scattered.batch_rounds)
+        return SpectralImage(
+            radiance=np.moveaxis(spectrum, 0, -1).astype(np.float32),
+            wavelength_nm=volume.wavelength_nm,
+            surface_Y=self.pixels(surface @ self.y_weight).astype(np.float32),
+            single_Y=self.pixels(single @ self.y_weight).astype(np.float32),
+            multiple_Y=np.tensordot(self.y_weight, self.pixels(multiple), 1).astype(np.float32),
+            stderr_Y=noise.astype(np.float32),
+            irradiance=np.moveaxis(self.pixels(falling.T), 0, -1).astype(np.float32),
+            exposure=exposure,
+            provenance={"photon_map": dict(photon_map.provenance)},
+        )
+
+
+def _summary(method, image: SpectralImage, parts: _Parts, scattered, single, surface, clock) -> EstimateSummary:
+    y = image.y()
+    lit = y > 0
+    ratio = image.stderr_Y[lit] / y[lit]
+    mean = image.radiance.sum(axis=-1, dtype=np.float64).mean()
+    return EstimateSummary(
+        method=method,
+        mean_radiance=float(mean),
+        mean_radiance_stderr=float(batch_stderr(scattered.batch_radiance, scattered.batch_rounds)),
+        nan_pixels=int(np.sum(~np.isfinite(image.radiance).all(axis=-1))),
+        photons_gathered=float(scattered.gathered),
+        stderr_relative_mean=float(ratio.mean()) if ratio.size and np.isfinite(ratio).all() else None,
+        seconds=clock.seconds,
+    )
