@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,7 @@ from skinrender.errors import InputError
 
 if TYPE_CHECKING:
     from skinrender.photonmap.photon_map import PhotonMap
+    from skinrender.scene import Scene
     from skinrender.skin.volume import SkinVolume
 
 PACKAGE = Path(__file__).parents[1]
@@ -43,8 +44,8 @@ def matching_volume(job: Job) -> SkinVolume:
         raise InputError("there is no volume yet", where=str(job.volume), remedy=remedy)
     volume = load_volume(job.volume)
     if volume.provenance.get("hash") != scene_hash(job.scene, BUILD_PARTS):
-        changed = _changed_parts(volume.provenance.get("scene"), job.scene)
-        raise InputError(f"was built from another scene; it differs in: {changed}", where=str(job.volume), remedy=remedy)
+        told = f"was built from another scene; it differs in: {_changed_parts(volume.provenance, job.scene)}"
+        raise InputError(told, where=str(job.volume), remedy=remedy)
     return volume
 
 
@@ -152,10 +153,10 @@ def _unlike(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> list[str]:
     return [key for key, value in wanted.items() if found.get(key) != value]
 
 
-def _changed_parts(built: Any, scene: Any) -> str:
+def _changed_parts(provenance: Mapping[str, Any], scene: Scene) -> str:
     from skinrender.scene import BUILD_PARTS
 
-    now = scene.model_dump(mode="json", include=set(BUILD_PARTS), exclude_none=True)
+    built, now = provenance.get("scene"), scene.model_dump(mode="json", include=set(BUILD_PARTS), exclude_none=True)
     built = built if isinstance(built, Mapping) else {}
-    parts: Iterable[str] = (part for part in BUILD_PARTS if now.get(part) != built.get(part))
+    parts = [part for part in BUILD_PARTS if now.get(part) != built.get(part)]
     return ", ".join(parts) or "the content of a file that it names"

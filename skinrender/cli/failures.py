@@ -34,7 +34,7 @@ class FailureGroup(click.Group):
         except InputError as error:
             _stop(ctx, f"error: {error}", BAD_INPUT)
         except RunError as error:
-            _stop(ctx, f"failed: {error}", FAILED)
+            _stop(ctx, f"failed: {_with_remedy(str(error), error.__cause__)}", FAILED)
         except KeyboardInterrupt as error:
             _stop(ctx, str(error) or _KEPT, INTERRUPTED)
         except BrokenPipeError:
@@ -53,6 +53,10 @@ def _stop(ctx: click.Context, message: str, code: int) -> NoReturn:
 
 
 def _told(error: OSError) -> str:
-    text = f"{error.filename}: {error.strerror}" if error.filename else str(error)
-    remedy = _REMEDIES.get(error.errno or 0)
-    return f"{text}\n  {remedy}" if remedy else text
+    return _with_remedy(f"{error.filename}: {error.strerror}" if error.filename else str(error), error)
+
+
+def _with_remedy(text: str, cause: BaseException | None) -> str:
+    """Add what helps against the system's refusal, if that was the cause and nothing is advised yet."""
+    remedy = _REMEDIES.get(cause.errno or 0) if isinstance(cause, OSError) else None
+    return f"{text}\n  {remedy}" if remedy and "\n" not in text else text

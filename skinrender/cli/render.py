@@ -49,9 +49,7 @@ def render(
     rows = estimate_rows(summary)
     rows.append(("photons stored", str(summary["photons_stored"])))
     rows.append(("done", ", ".join(summary["stages_run"]) or "nothing: everything is up to date"))
-    console.result(
-        summary, [*rows, seconds_row(summary["seconds"]), ("picture", f"{job.exr}, {job.png.name}")]
-    )
+    console.result(summary, [*rows, seconds_row(summary["seconds"]), ("picture", f"{job.exr}, {job.png.name}")])
 
 
 def _render(job: Job, reflectance: bool, workers: int | None, resume: bool) -> dict[str, Any]:

@@ -94,12 +94,8 @@ def volume_rows(summary: Mapping[str, Any]) -> list[Row]:
 
 def trace_rows(summary: Mapping[str, Any], by_wavelength: bool = False) -> list[Row]:
     """What became of the light, in a table."""
-    rows = [
-        (
-            "photons",
-            f"{summary['photons_stored']} stored of {summary['photons_emitted']} emitted, in {summary['rounds']} rounds",
-        )
-    ]
+    stored, emitted, rounds = (summary[key] for key in ("photons_stored", "photons_emitted", "rounds"))
+    rows = [("photons", f"{stored} stored of {emitted} emitted, in {rounds} rounds")]
     rows += [(name, with_error(summary[name])) for name in ("reflectance", "specular", "transmittance", "sides")]
     rows += [(f"absorbed in {layer}", with_error(part)) for layer, part in summary["absorbed"].items()]
     if by_wavelength:

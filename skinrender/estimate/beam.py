@@ -14,6 +14,7 @@ from skinrender.estimate.kernel_filter import SlabFilter
 from skinrender.estimate.radius import gather_radius_mm, radius_levels
 from skinrender.estimate.scatter_image import ScatteredLight, batches_of
 from skinrender.estimate.stream import Band, Stream
+from skinrender.transport import kernel
 
 
 def estimate_beam(stream: Stream, gather_count: int) -> ScatteredLight:
@@ -40,9 +41,11 @@ def estimate_beam(stream: Stream, gather_count: int) -> ScatteredLight:
     totals = np.zeros(len(batches))
     seen = 0
     for band in stream.bands():
-        factor = slab_factor(band)
+        factor = slab_factor(
+            band.tau[: band.slabs + 1], band.outside_power, lattice.region, lattice.descent, lattice.bin_area
+        )
         add = _depositor(stream, band, factor, y_image, totals)
-        image, count = band.over_batches(batches, add, (lattice.slabs, h * w))
+        image, count = band.over_batches(batches, add, (band.slabs, h * w))
         seen += count
         slabs = np.array_split(image, stream.threads)
         shown = np.concatenate(list(stream.pool.map(filtered, slabs))).reshape(factor.shape)
@@ -54,10 +57,21 @@ def estimate_beam(stream: Stream, gather_count: int) -> ScatteredLight:
     return ScatteredLight(radiance, batch_y, totals * scale / (h * w), rounds, seen * met / (h * w))
 
 
-def slab_factor(band: Band) -> np.ndarray:
-    """What an entry of a slab image adds to the radiance outside, (S, Q) f4: transmittance to mid-slab included."""
-    middle = 0.5 * (band.tau[1:] + band.tau[:-1])
-    return (np.exp(-middle) * band.outside_power / band.stream.lattice.bin_area[:, None]).astype(np.float32)
+@kernel
+def slab_factor(tau, outside_power, region, descent, bin_area):
+    """What an entry of a slab image adds to the radiance outside, (S, Q) f4: transmittance to mid-slab included.
+
+    tau (S + 1, Q): optical depth at the slab edges; outside_power (R, Q): power of a photon times the factor from
+    radiance inside to outside; region (S,), descent (S, Q) and bin_area (S,) of the lattice.
+    """
+    slabs, count = tau.shape[0] - 1, tau.shape[1]
+    factor = np.empty((slabs, count), np.float32)
+    for s in range(slabs):
+        power = outside_power[region[s]]
+        for q in range(count):
+            passed = np.exp(np.float32(-0.5) * (tau[s, q] + tau[s + 1, q]))
+            factor[s, q] = passed * power[q] / (descent[s, q] * bin_area[s])
+    return factor
 
 
 def _depositor(stream: Stream, band: Band, factor: np.ndarray, y_image: np.ndarray, totals: np.ndarray):
@@ -68,7 +82,7 @@ def _depositor(stream: Stream, band: Band, factor: np.ndarray, y_image: np.ndarr
 
     def add(index: int, batch: int, image: np.ndarray) -> int:
         count, total = deposit(
-            *band.photons(index), lattice.depth_edges_mm, lattice.region, lattice.to_lattice, lattice.bounds,
+            *band.photons(index), lattice.depth_edges_mm[: band.slabs + 1], lattice.region, lattice.to_lattice, lattice.bounds,
             lattice.bin_start, lattice.rays, lattice.direction, band.tau, *lattice.shape, palette,
             stream.volume.z_edges_mm, g, factor, y_weight, image, y_image[batch],
         )  # fmt: skip

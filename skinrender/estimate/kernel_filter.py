@@ -34,27 +34,44 @@ def _add_scaled(target, source, weight):
 
 
 @kernel
-def _correlate(padded, weights, h, w):
-    """Separable correlation of an image padded by the kernel's reach: rows first, then along each row."""
+def _add_correlation(image, weights, chosen, first, last, wrap, out):
+    """Adds `chosen` times the image correlated with `weights` on both axes; beyond its edge lies 0, or it again.
+
+    chosen (h, w); in row i it is 0 outside the columns first[i]..last[i]-1, which are left out.
+    """
+    h, w = image.shape
     reach = weights.size // 2
-    out = np.zeros((h, w), np.float32)
     row = np.empty(w + 2 * reach, np.float32)
+    blurred = np.empty(w, np.float32)
     for i in range(h):
+        low, high = first[i], last[i]
+        if low >= high:
+            continue
         row[:] = 0.0
         for k in range(weights.size):
-            _add_scaled(row, padded[i + k], weights[k])
+            source = i + k - reach
+            if wrap:
+                source %= h
+            if 0 <= source < h:
+                _add_scaled(row[reach : reach + w], image[source], weights[k])
+        if wrap:
+            for k in range(reach):
+                row[k] = row[reach + (w - reach + k) % w]
+                row[reach + w + k] = row[reach + k % w]
+        part = blurred[: high - low]
+        part[:] = 0.0
         for k in range(weights.size):
-            _add_scaled(out[i], row[k : k + w], weights[k])
-    return out
+            _add_scaled(part, row[low + k : high + k], weights[k])
+        for j in range(low, high):
+            out[i, j] += chosen[i, j] * part[j - low]
 
 
 def correlate(image: np.ndarray, weights: np.ndarray, wrap: bool) -> np.ndarray:
-    """Image (h, w) f4 correlated with odd weights on both axes; beyond its edge lies 0, or the image again."""
-    reach = weights.size // 2
-    if reach == 0:
-        return image
-    padded = np.pad(image, reach, mode="wrap" if wrap else "constant")
-    return _correlate(padded, weights, *image.shape)
+    """Image (h, w) f4 correlated with odd weights on both axes."""
+    h, w = image.shape
+    out = np.zeros_like(image)
+    _add_correlation(image, weights, np.ones_like(image), np.zeros(h, np.int64), np.full(h, w), wrap, out)
+    return out
 
 
 class SlabFilter:
@@ -68,15 +85,21 @@ class SlabFilter:
     """
 
     def __init__(self, level: np.ndarray, radii: np.ndarray, inside: np.ndarray, wrap: bool):
-        self.inside, self.wrap = inside, wrap
+        self.wrap = wrap
         self.parts = []
         for k in np.unique(level):
             weights = gaussian(radii[k])
             share = np.maximum(correlate(inside, weights, wrap), 1e-6)
-            self.parts.append((weights, np.where(level == k, inside / share, 0.0).astype(np.float32)))
+            chosen = np.where(level == k, inside / share, 0.0).astype(np.float32)
+            held = chosen > 0.0
+            first = np.where(held.any(axis=1), held.argmax(axis=1), 0)
+            last = np.where(held.any(axis=1), level.shape[1] - held[:, ::-1].argmax(axis=1), 0)
+            self.parts.append((weights, chosen, first, last))
 
     def __call__(self, image: np.ndarray) -> np.ndarray:
         """The image (h, w) f4, filtered; 0 for rays that miss."""
-        if not image.any():
-            return image
-        return sum(correlate(image, weights, self.wrap) * chosen for weights, chosen in self.parts)
+        out = np.zeros_like(image)
+        if image.any():
+            for weights, chosen, first, last in self.parts:
+                _add_correlation(image, weights, chosen, first, last, self.wrap, out)
+        return out

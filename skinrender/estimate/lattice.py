@@ -95,7 +95,7 @@ def visible_depth_mm(volume: SkinVolume) -> float:
     return float(reached)
 
 
-def slab_edges(volume: SkinVolume, thickest: float = 0.2) -> np.ndarray:
+def slab_edges(volume: SkinVolume, thickest: float = 0.3) -> np.ndarray:
     """Edges of the depth slabs: the layers' borders, cut finer near the surface, down to the visible depth.
 
     Within a slab a ray's optical depth is interpolated linearly, which is exact between borders; thin slabs keep the
@@ -107,7 +107,7 @@ def slab_edges(volume: SkinVolume, thickest: float = 0.2) -> np.ndarray:
     stops = [*borders[(borders > 1e-9) & (borders < deepest)], deepest]
     for stop in stops:
         while edges[-1] < stop * (1 - 1e-9):
-            step = max(0.02 * deepest, 0.01 * stop, thickest * edges[-1])
+            step = max(0.04 * deepest, thickest * edges[-1])
             parts = max(1, int(np.ceil((stop - edges[-1]) / step)))
             edges.append(edges[-1] + (stop - edges[-1]) / parts)
         edges[-1] = stop
@@ -208,8 +208,7 @@ def _fit_bins(point: np.ndarray, hit: np.ndarray, shape: tuple[int, int]) -> np.
     rows, columns = np.divmod(np.flatnonzero(hit), w)
     xy1 = np.column_stack([point[hit], np.ones(len(rows))])
     if len(rows) < 3 or np.linalg.matrix_rank(xy1) < 3:
-        raise_to = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
-        return raise_to
+        return np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
     solution, *_ = np.linalg.lstsq(xy1, np.column_stack([rows, columns]).astype(float), rcond=None)
     return solution.T
 

@@ -69,7 +69,8 @@ def _gatherer(stream: Stream, band: Band, radius: np.ndarray, y_image: np.ndarra
     edges = lattice.depth_edges_mm
     middle = 0.5 * (edges[1:] + edges[:-1])
     step = np.diff(edges)[:, None] / sphere_inside_mm3(radius, middle)[:, None]
-    factor = (np.exp(-0.5 * (band.tau[1:] + band.tau[:-1])) * band.outside_power * step).astype(np.float32)
+    power = band.outside_power[lattice.region] / lattice.descent
+    factor = (np.exp(-0.5 * (band.tau[1:] + band.tau[:-1])) * power * step).astype(np.float32)
     palette, g = band.anisotropy
     y_weight = np.float32(stream.y_weight[band.index])
 

@@ -15,7 +15,8 @@ from skinrender.estimate.view_path import relief_arrays
 from skinrender.photonmap.photon_map import PhotonMap
 from skinrender.skin.volume import SkinVolume
 
-_BANDS_AT_ONCE = 8
+_DEPTHS_AT_ONCE = 2**26
+"""Optical depths held at once, 256 MB: the rays are followed through the voxels once for as many bands as that holds."""
 _SAMPLE = 200_000
 
 
@@ -42,8 +43,9 @@ class Stream:
     def bands(self) -> Iterator[Band]:
         """Each band with its optical depths along the rays, computed some bands at a time."""
         count = self.photon_map.bands
-        for first in range(0, count, _BANDS_AT_ONCE):
-            chosen = np.arange(first, min(first + _BANDS_AT_ONCE, count))
+        at_once = max(1, _DEPTHS_AT_ONCE // self.lattice.path_edges.size)
+        for first in range(0, count, at_once):
+            chosen = np.arange(first, min(first + at_once, count))
             for band, tau in zip(chosen, self._optical_depths(chosen)):
                 yield Band(self, int(band), tau)
                 self.progress(sum(self._photons(r, band) for r in range(self.photon_map.rounds)))
@@ -119,11 +121,17 @@ class Band:
         return np.concatenate([[bins_per_mm], photon_map.keep_probability[self.index]]).astype(np.float64)
 
     @cached_property
+    def slabs(self) -> int:
+        """Slabs within the visible depth of this band; light from below them is less than 0.02 %."""
+        clearest = self.tau[:, self.stream.lattice.hit].min(axis=1, initial=np.inf)
+        return max(1, int(np.searchsorted(clearest[:-1], VISIBLE_DEPTH)))
+
+    @cached_property
     def outside_power(self) -> np.ndarray:
-        """Power of a photon times the factor from radiance inside to radiance outside, (S, Q)."""
+        """Power of a photon times the factor from radiance inside a region to radiance outside, (R, Q)."""
         lattice = self.stream.lattice
-        outside = lattice.transmission[lattice.region, :, self.index] * self.stream.photon_map.power_per_band[self.index]
-        return np.where(lattice.hit, outside / lattice.descent, 0.0)
+        outside = lattice.transmission[:, :, self.index] * self.stream.photon_map.power_per_band[self.index]
+        return np.where(lattice.hit, outside, 0.0)
 
     def photons(self, index: int) -> tuple:
         """Photons of one round as the kernels take them: position, direction, first, last, roulette, geometry."""

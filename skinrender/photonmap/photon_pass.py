@@ -93,7 +93,8 @@ class PhotonPass:
     @cached_property
     def _relief(self):
         z_top = self.volume.z_edges_mm[0]
-        return make_relief([field - np.float32(z_top) for field in self._regions.heights_mm if field is not None])
+        fields = [field - np.float32(z_top) for field in self._regions.heights_mm if field is not None]
+        return make_relief(fields, self.volume.size_mm)
 
     def _borders(self, band: int) -> Borders:
         regions = self._regions

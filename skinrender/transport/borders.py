@@ -41,11 +41,17 @@ class Borders(NamedTuple):
 
 
 class Relief(NamedTuple):
-    """Height fields (n, hx, hy), mm from the top of the volume, and the bounds of their cells; None when all is flat."""
+    """Height fields (n, hx, hy), mm from the top of the volume, and the bounds of their cells; None when all is flat.
+
+    deepest, bend (LEVELS, n, hx, hy): largest z and largest second derivative (1/mm) of the field within 1, 2, 4, ...
+    cells of a cell: most short flights near the surface are thereby known to miss it without being followed.
+    """
 
     heights: np.ndarray
     cell_min: np.ndarray
     cell_max: np.ndarray
+    deepest: np.ndarray
+    bend: np.ndarray
 
 
 class Majorant(NamedTuple):
@@ -82,6 +88,35 @@ def rough_normal(heights, lx, ly, x, y):
     _, hx, hy = height_and_gradient(heights, lx, ly, x, y)
     inverse = 1.0 / math.sqrt(hx * hx + hy * hy + 1.0)
     return -hx * inverse, -hy * inverse, inverse
+
+
+@kernel
+def stays_below(f, i, relief, row, lx, ly):
+    """Whether the flight of lane i surely stays below height field `row`.
+
+    It does below the deepest point around; and if it ends below the surface by more than the surface can bend away
+    from its chord in between, (largest second derivative) x (lateral length)^2 / 8.
+    """
+    hx, hy = relief.heights.shape[1], relief.heights.shape[2]
+    path = f[PATH + i]
+    dx, dy = abs(f[UX + i]) * path, abs(f[UY + i]) * path
+    reach = max(dx * (hx / lx), dy * (hy / ly))
+    level, cells = 0, 1.0
+    while reach > cells:
+        level += 1
+        cells *= 2.0
+        if level == relief.deepest.shape[0]:
+            return False
+    x, y = np.float64(f[X + i]), np.float64(f[Y + i])
+    a = min(max(int(x * (hx / lx)), 0), hx - 1)
+    b = min(max(int(y * (hy / ly)), 0), hy - 1)
+    if min(f[Z_START + i], f[Z + i]) > relief.deepest[level, row, a, b]:
+        return True
+    bend = relief.bend[level, row, a, b] * (dx * dx + dy * dy) * 0.125 + 2.0 * _ROUGH_OFFSET_MM
+    if f[Z + i] - height(relief.heights[row], lx, ly, x, y) <= bend:
+        return False
+    x, y = x - np.float64(f[UX + i]) * path, y - np.float64(f[UY + i]) * path
+    return f[Z_START + i] - height(relief.heights[row], lx, ly, x, y) > bend
 
 
 @kernel
@@ -199,12 +234,18 @@ def cross(f, w, i, borders, majorant, relief):
 
     Returns INSIDE, LEFT_TOP, LEFT_BOTTOM or LEFT_SIDE. A lane that met none keeps its flight (BORDER = 0).
     """
+    region = w[REGION + i]
+    if relief is not None:
+        row = borders.rough[region]
+        if row >= 0 and max(f[Z_START + i], f[Z + i]) <= f[Z_SAFE_BOTTOM + i] and borders.sides == PERIODIC:
+            if stays_below(f, i, relief, row, borders.size[0], borders.size[1]):
+                w[BORDER + i] = 0
+                return INSIDE
     path = np.float64(f[PATH + i])
     z = np.float64(f[Z_START + i])
     ux, uy, uz = np.float64(f[UX + i]), np.float64(f[UY + i]), np.float64(f[UZ + i])
     x, y = np.float64(f[X + i]) - ux * path, np.float64(f[Y + i]) - uy * path
     dz = (np.float64(f[Z + i]) - z) / path if path > 0.0 else uz
-    region = w[REGION + i]
 
     hit, k, side = border_distance(borders, relief, region, 1, x, y, z, ux, uy, dz, path), region, 1
     if hit < 0.0 or relief is not None:

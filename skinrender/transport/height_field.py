@@ -23,6 +23,7 @@ START_TOLERANCE_MM = 1e-5
 """A start at most this far on the wrong side is put on the surface (positions may have been float32)."""
 
 _HIT_TOLERANCE_MM = 1e-11
+_NEIGHBORS = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
 _MAX_LEVEL = 30
 
 
@@ -44,6 +45,21 @@ def cell_bounds(heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.ascontiguousarray(cell_min), np.ascontiguousarray(cell_max)
 
 
+def bend_bound(heights: np.ndarray, lx: float, ly: float) -> np.ndarray:
+    """Bound of the surface's second derivative in any direction over each cell, (hx, hy), 1/mm.
+
+    From the second differences of the 3 x 3 control points (they are the spline's own second derivatives).
+    """
+    dx, dy = lx / heights.shape[0], ly / heights.shape[1]
+    hxx = (np.roll(heights, -1, 0) - 2.0 * heights + np.roll(heights, 1, 0)) / dx**2
+    hyy = (np.roll(heights, -1, 1) - 2.0 * heights + np.roll(heights, 1, 1)) / dy**2
+    diagonal = np.roll(heights, (-1, -1), (0, 1)) - np.roll(heights, -1, 0) - np.roll(heights, -1, 1) + heights
+    hxy = [np.roll(diagonal, shift, (0, 1)) / (dx * dy) for shift in ((0, 0), (1, 0), (0, 1), (1, 1))]
+    straight = np.maximum(np.abs(hxx), np.abs(hyy))
+    straight = np.maximum.reduce([np.roll(straight, shift, (0, 1)) for shift in _NEIGHBORS])
+    return (straight + np.maximum.reduce(np.abs(hxy))).astype(heights.dtype)
+
+
 @kernel
 def height(heights, lx, ly, x, y):
     """Height h(x, y) of the surface, mm."""
@@ -61,10 +77,10 @@ def height_and_gradient(heights, lx, ly, x, y):
     a = gx - cx
     b = gy - cy
     wy0, wy1, wy2 = 0.5 * (1.0 - b) * (1.0 - b), 0.5 + b * (1.0 - b), 0.5 * b * b
-    j1 = cy % hy
+    j1 = cy if 0 <= cy < hy else cy % hy  # a division costs as much as the whole rest
     j0 = j1 - 1 if j1 > 0 else hy - 1
     j2 = j1 + 1 if j1 < hy - 1 else 0
-    i1 = cx % hx
+    i1 = cx if 0 <= cx < hx else cx % hx
     i0 = i1 - 1 if i1 > 0 else hx - 1
     i2 = i1 + 1 if i1 < hx - 1 else 0
     v0 = wy0 * heights[i0, j0] + wy1 * heights[i0, j1] + wy2 * heights[i0, j2]
@@ -133,7 +149,8 @@ def first_hit(heights, cell_min, cell_max, lx, ly, x, y, z, ux, uy, uz, s_max, s
         next_y = _exit(gy, dy, cy)
         s_out = max(s_in, min(min(next_x, next_y), s_max))
         z_in, z_out = z + uz * s_in, z + uz * s_out
-        i, j = cx % hx, cy % hy
+        i = cx if 0 <= cx < hx else cx % hx
+        j = cy if 0 <= cy < hy else cy % hy
         if side > 0.0:
             may_cross = min(z_in, z_out) <= cell_max[i, j]
         else:
@@ -220,6 +237,8 @@ def _first_sign_change(b0, b1, b2, b3, b4):
     """
     if b0 < 0.0:
         return 0.0
+    if min(min(b1, b2), min(b3, b4)) >= 0.0:
+        return -1.0
     index, level = 0, 0
     while True:
         width = math.ldexp(1.0, -level)

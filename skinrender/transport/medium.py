@@ -11,11 +11,12 @@ import numpy as np
 
 from skinrender.transport.borders import Borders, Majorant, Relief
 from skinrender.transport.gather import BRICK, Grid
-from skinrender.transport.height_field import cell_bounds
+from skinrender.transport.height_field import bend_bound, cell_bounds
 from skinrender.transport.move import SLABS
 
 _COARSE_CELLS = 4096
 _WORD = 2.0**32
+_RELIEF_LEVELS = 4
 
 
 class Medium(NamedTuple):
@@ -150,12 +151,25 @@ def block_type(majorant: Majorant, z_edges_mm: np.ndarray) -> type:
     return np.float64 if thin_plane or thin_slab or depth[-1] > 2000.0 else np.float32
 
 
-def make_relief(heights: list[np.ndarray]) -> Relief | None:
-    """Height fields with the bounds of their cells; None when every border is flat."""
+def make_relief(heights: list[np.ndarray], size_mm: tuple[float, float]) -> Relief | None:
+    """Height fields (hx, hy), mm from the top of the volume, with the bounds of their cells; None without any."""
     if not heights:
         return None
     bounds = [cell_bounds(np.ascontiguousarray(field)) for field in heights]
-    return Relief(np.stack(heights), np.stack([low for low, _ in bounds]), np.stack([high for _, high in bounds]))
+    deepest = [_largest_within([high for _, high in bounds], 2**level) for level in range(_RELIEF_LEVELS)]
+    bend = [_largest_within([bend_bound(field, *size_mm) for field in heights], 2**level) for level in range(_RELIEF_LEVELS)]
+    return Relief(
+        np.stack(heights), np.stack([low for low, _ in bounds]), np.stack([high for _, high in bounds]),
+        np.stack(deepest), np.stack(bend),
+    )  # fmt: skip
+
+
+def _largest_within(fields: list[np.ndarray], cells: int) -> np.ndarray:
+    """Largest value within so many cells of each cell on both axes, periodically; (n, hx, hy)."""
+    out = np.stack(fields)
+    for axis in (1, 2):
+        out = np.maximum.reduce([np.roll(out, shift, axis) for shift in range(-cells, cells + 1)])
+    return out
 
 
 def make_medium(

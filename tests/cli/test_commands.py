@@ -1,0 +1,140 @@
+"""What every command keeps to: help with an example, codes, nothing but JSON on stdout."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import pytest
+from command_line import call, summary_of
+
+from skinrender.cli import COMMANDS, main
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("option", ["-h", "--help"])
+def test_help_has_an_example_of_the_command(command, option):
+    result = call(command, option)
+    assert result.exit_code == 0
+    assert re.search(rf"Example:\n +skinrender {command}\b", result.stdout)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_option_is_explained(command):
+    for parameter in main.commands[command].params:
+        if parameter.param_type_name == "option":
+            assert parameter.help, parameter.name
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_readme_names_the_command(command, repository):
+    assert f"| `{command}" in (repository / "README.md").read_text(encoding="utf-8")
+
+
+def test_examples_in_help_name_shipped_scenes(repository):
+    for command in main.commands.values():
+        for scene in re.findall(r"configs/\S+\.yaml", command.help):
+            assert (repository / scene).is_file()
+
+
+def test_commands_are_listed_in_the_order_of_their_use():
+    listed = re.findall(r"^  (\w+)  ", call("--help").stdout.partition("Commands:")[2], flags=re.MULTILINE)
+    assert tuple(listed) == COMMANDS
+
+
+def test_version_names_what_computes():
+    text = call("--version").stdout
+    assert re.search(r"skinrender .+\nnumba \d.+\nnumpy \d.+\npython \d.+\nCPU .+ cores\n", text)
+
+
+def test_schema_describes_the_scene():
+    schema = summary_of(call("schema"))
+    assert {"patch", "skin", "photons"} <= schema["properties"].keys()
+
+
+@pytest.mark.parametrize("arguments", [["--nonsense"], ["build"], ["bild", "x.yaml"], ["schema", "-q", "-v"]])
+def test_bad_use_is_2(arguments):
+    result = call(*arguments)
+    assert result.exit_code == 2
+    assert "Usage:" in result.stderr and result.stdout == ""
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "told"),
+    [
+        ("--photons", "many", "'many' is not a number"),
+        ("--photons", "0.5", "0.5 is not a whole number"),
+        ("--photons", "nan", "nan is not a whole number"),
+        ("--shard", "4/4", "0 <= i < n"),
+        ("--shard", "1", "0 <= i < n"),
+        ("--workers", "0", "0 is not in the range"),
+        ("--seed", "-1", "-1 is not in the range"),
+    ],
+)
+def test_bad_option_values_are_2_and_told(slab, option, value, told):
+    result = call("trace", slab, option, value)
+    assert result.exit_code == 2
+    assert told in result.stderr
+
+
+def test_mistakes_in_a_scene_are_2_with_file_line_and_column(slab, tmp_path):
+    slab.write_text(slab.read_text().replace("light:", "ligth:"))
+    result = call("build", slab, "-o", tmp_path / "out", "--json")
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert f"{slab}:6:1" in result.stderr and "light" in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_missing_scene_is_2(tmp_path):
+    result = call("render", tmp_path / "none.yaml")
+    assert result.exit_code == 2
+    assert "no such scene file" in result.stderr
+
+
+@pytest.mark.parametrize(
+    "override", ["photons.stord=1", "photons", "lesions.7.melanin_scale=1", "patch.columns=[0, 1]"]
+)
+def test_a_bad_override_is_2_and_named(slab, tmp_path, override):
+    result = call("build", slab, "--set", override, "-o", tmp_path)
+    assert result.exit_code == 2
+    assert f"--set {override}" in result.stderr
+
+
+def test_output_that_is_a_file_is_2(slab):
+    result = call("build", slab, "-o", slab)
+    assert result.exit_code == 2
+    assert "is not a folder" in result.stderr
+
+
+def test_default_folder_is_named_by_the_scene(slab, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    summary = summary_of(call("build", slab, "--json"))
+    assert (tmp_path / "out" / "slab" / "volume.npz").is_file()
+    assert summary["files"] == ["out/slab/volume.npz", "out/slab/section.png"]
+
+
+def test_quiet_says_nothing(slab, tmp_path):
+    result = call("build", slab, "-o", tmp_path, "-q")
+    assert (result.exit_code, result.stdout, result.stderr) == (0, "", "")
+
+
+def test_values_that_are_not_finite_become_null(capsys):
+    from skinrender.cli.console import Console
+
+    Console(as_json=True).result({"a": [float("nan")], "b": {"c": float("inf")}, "d": 1.5}, [])
+    assert json.loads(capsys.readouterr().out) == {"a": [None], "b": {"c": None}, "d": 1.5}
+
+
+@pytest.mark.parametrize(
+    ("value", "stderr", "text"),
+    [
+        (0.123456, 0.00123, "0.1235 ± 0.0012"),
+        (12.3, 4.0, "12.3 ± 4.0"),
+        (1.0, None, "1"),
+        (1e-12, 1e-14, "1e-12 ± 1e-14"),
+    ],
+)
+def test_values_are_rounded_to_their_error(value, stderr, text):
+    from skinrender.cli.console import with_error
+
+    assert with_error({"value": value, "stderr": stderr}) == text
