@@ -2,23 +2,24 @@
 
 For ray q with sample points x_j every ds, spheres of radius r_j that hold about K photons:
 
-    L(q) = (1 - F) / n^2 sum_j ds exp(-tau_q(x_j)) sum_{i: |x_i - x_j| < r_j} p(w_i . -w_q) Phi_i / V_j
+    L(q) = (1 - F) / n^2 sum_j ds sum_{i: |x_i - x_j| < r_j} exp(-tau_q(D_i)) p(w_i . -w_q) Phi_i / (V_j c(D_i))
 
-V_j is the part of the sphere inside the skin. The radii follow from the map's density at each depth and are fixed
-before the sum, which keeps rounds independent.
+c is the share of a photon's weights that falls on sample points at all (`gather_points.depth_share`). The radii follow
+from the map's density at each depth and are fixed before the sum, which keeps rounds independent.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from skinrender.estimate.gather_points import gather_points, sphere_inside_mm3
+from skinrender.estimate.gather_points import depth_share, gather_points
 from skinrender.estimate.scatter_image import ScatteredLight, batches_of
 from skinrender.estimate.stream import Band, Stream
 
 MARCH_MM = 0.02
 WIDEST_MM = 0.1
-"""A sphere's vertical blur is of first order in its radius; wider ones smear the epidermis into the dermis."""
+"""Wider spheres would see past the relief's furrows."""
+_SHARE_DEPTHS = 2001
 
 
 def march_edges(deepest_mm: float) -> np.ndarray:
@@ -67,17 +68,16 @@ def _gatherer(stream: Stream, band: Band, radius: np.ndarray, y_image: np.ndarra
     """The function that gathers one round of a band."""
     lattice = stream.lattice
     edges = lattice.depth_edges_mm
-    middle = 0.5 * (edges[1:] + edges[:-1])
-    step = np.diff(edges)[:, None] / sphere_inside_mm3(radius, middle)[:, None]
-    power = band.outside_power[lattice.region] / lattice.descent
-    factor = (np.exp(-0.5 * (band.tau[1:] + band.tau[:-1])) * power * step).astype(np.float32)
+    step = (np.diff(edges) / (4.0 / 3.0 * np.pi * radius**3))[:, None]
+    factor = (band.outside_power[lattice.region] / lattice.descent * step).astype(np.float32)
+    share = depth_share(edges, radius, np.linspace(0.0, edges[-1], _SHARE_DEPTHS))
     palette, g = band.anisotropy
     y_weight = np.float32(stream.y_weight[band.index])
 
     def add(index: int, batch: int, image: np.ndarray) -> int:
         count, total = gather_points(
-            *band.photons(index), edges, radius, lattice.region, lattice.to_lattice, lattice.bounds, lattice.bin_start,
-            lattice.rays, lattice.point, lattice.direction, *lattice.shape, palette, stream.volume.z_edges_mm, g,
+            *band.photons(index), edges, radius, share, lattice.region, lattice.to_lattice, lattice.bounds, lattice.bin_start,
+            lattice.rays, lattice.point, lattice.direction, band.tau, *lattice.shape, palette, stream.volume.z_edges_mm, g,
             factor, y_weight, image, y_image[batch],
         )  # fmt: skip
         totals[batch] += total

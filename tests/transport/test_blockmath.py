@@ -55,4 +55,4 @@ def test_cos_and_sin_of_every_turn():
     angle = 2.0 * np.pi * turn.astype(np.float64)
     assert np.abs(out[0] - np.cos(angle)).max() < 4e-7
     assert np.abs(out[1] - np.sin(angle)).max() < 4e-7
-    assert np.abs((out.astype(np.float64) ** 2).sum(axis=0) - 1.0).max() < 6e-7
+    assert np.abs((out.astype(np.float64) ** 2).sum(axis=0) - 1.0).max() < 7e-7
