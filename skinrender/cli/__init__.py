@@ -11,7 +11,7 @@ import click
 
 from skinrender.cli.failures import FailureGroup
 
-COMMANDS = ("build", "trace", "merge", "estimate", "render", "compare", "info", "schema")
+COMMANDS = ("build", "trace", "merge", "estimate", "render", "compare", "check", "info", "schema")
 
 
 class OrderedGroup(FailureGroup):

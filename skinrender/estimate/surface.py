@@ -90,10 +90,10 @@ def surface_reflection(view: ViewPath, volume: Any, light: Light, finish: Any) -
     return result
 
 
-def _relief(surface_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+def _relief(surface_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """A relief as the shadow rays read it, with the z above which nothing stands."""
-    heights, cell_min, cell_max = relief_arrays(surface_mm)
-    return heights, cell_min, cell_max, float(heights.min()) - 1e-3
+    heights, cells = relief_arrays(surface_mm)
+    return heights, cells, float(heights.min()) - 1e-3
 
 
 def _toward_lamp(light: PointLight | CollimatedLight, point: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -122,9 +122,9 @@ def _is_shadowed(relief, lx, ly, point, dx, dy, dz, distance):
         return True
     if relief is None:
         return False
-    heights, cell_min, cell_max, highest = relief
+    heights, cells, highest = relief
     reach = min(distance, (highest - point[2]) / dz)
-    return first_hit(heights, cell_min, cell_max, lx, ly, point[0], point[1], point[2], dx, dy, dz, reach, -1.0) >= 0.0
+    return first_hit(heights, cells, lx, ly, point[0], point[1], point[2], dx, dy, dz, reach, -1.0) >= 0.0
 
 
 @kernel

@@ -75,10 +75,10 @@ def make_view_path(origin: np.ndarray, direction: np.ndarray, volume: Any) -> Vi
     return ViewPath(hit, entry, normal, np.where(hit[:, None], direction, 0.0), inside, cos_inside, transmission)
 
 
-def relief_arrays(surface_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def relief_arrays(surface_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Control points and cell bounds of a relief as the kernels read them, float64."""
     heights = np.ascontiguousarray(surface_mm, dtype=np.float64)
-    return heights, *cell_bounds(heights)
+    return heights, cell_bounds(heights)
 
 
 def _meet_plane(origin, direction):
@@ -91,18 +91,18 @@ def _meet_plane(origin, direction):
 
 
 @kernel
-def meet_relief(origin, direction, heights, cell_min, cell_max, lx, ly):
+def meet_relief(origin, direction, heights, cells, lx, ly):
     """Entry points (Q, 3), outward normals (Q, 3) and hits (Q,) of rays from above on a relief."""
     count = origin.shape[0]
     entry, normal, hit = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count, np.bool_)
-    z_low, z_high = cell_min.min() - 1e-3, cell_max.max() + 1e-3
+    z_low, z_high = cells[:, :, 0].min() - 1e-3, cells[:, :, 1].max() + 1e-3
     for q in range(count):
         ux, uy, uz = direction[q]
         begin, end = slab_interval(origin[q, 2], uz, z_low, z_high, np.inf)
         if not begin <= end < np.inf:
             continue
         x, y, z = origin[q, 0] + begin * ux, origin[q, 1] + begin * uy, origin[q, 2] + begin * uz
-        s = first_hit(heights, cell_min, cell_max, lx, ly, x, y, z, ux, uy, uz, end - begin, -1.0)
+        s = first_hit(heights, cells, lx, ly, x, y, z, ux, uy, uz, end - begin, -1.0)
         if s < 0.0:
             continue
         hit[q] = True

@@ -13,7 +13,7 @@ from skinrender.photonmap.roulette import DepthTable, keep_all, keep_visible
 from skinrender.skin.regions import regions_of
 from skinrender.skin.volume import SkinVolume
 from skinrender.transport import tally
-from skinrender.transport.borders import DIELECTRIC, OPEN, PERIODIC, Borders
+from skinrender.transport.borders import CELL_MAX, CELL_MIN, DIELECTRIC, OPEN, PERIODIC, Borders
 from skinrender.transport.emission import COLLIMATED, POINT, SKY, light_parameters
 from skinrender.transport.lanes import LANES, new_block
 from skinrender.transport.medium import Medium, block_type, make_grid, make_majorant, make_medium, make_relief, without_air
@@ -100,15 +100,16 @@ class PhotonPass:
         regions = self._regions
         z = regions.border_z_mm - self.volume.z_edges_mm[0]
         is_rough = np.array([field is not None for field in regions.heights_mm])
-        rough = np.where(is_rough, np.cumsum(is_rough) - 1, -1).astype(np.int32)
-        top, bottom = z[:-1].copy(), z[1:].copy()
-        for k in range(regions.count):
-            if rough[k] >= 0:
-                top[k] = self._relief.cell_max[rough[k]].max()
-            if rough[k + 1] >= 0:
-                bottom[k] = self._relief.cell_min[rough[k + 1]].min()
-        index = np.ascontiguousarray(regions.index[:, band])
-        return Borders(z, rough, index, top, bottom, np.array(self.volume.size_mm), SIDES[self.volume.sides])
+        rough = np.where(is_rough, np.cumsum(is_rough) - 1, -1)
+        safe_top, safe_bottom = z.copy(), np.append(z[1:], z[-1])
+        for k in np.flatnonzero(is_rough):
+            cells = self._relief.cells[rough[k]]
+            safe_top[k] = cells[..., CELL_MAX].max()
+            if k > 0:
+                safe_bottom[k - 1] = cells[..., CELL_MIN].min()
+        table = np.column_stack([z, rough, regions.index[1:, band], safe_top, safe_bottom])
+        lx, ly = map(float, self.volume.size_mm)
+        return Borders(table, float(regions.index[0, band]), lx, ly, SIDES[self.volume.sides])
 
     def _make_medium(self, band: int) -> tuple[Medium, type]:
         v = self.volume

@@ -24,51 +24,55 @@ _ROUGH_OFFSET_MM = 1e-6  # a photon on a height field is put this far inside: ab
 _MAX_AIR_BOUNCES = 10_000
 
 
+# Columns of `Borders.table`: z of the border, its row in the height fields or -1, and of the region below it the refractive
+# index and the depths between which none of its borders reaches. The row after the last border holds the index below all.
+BORDER_Z, ROUGH, INDEX, SAFE_TOP, SAFE_BOTTOM = 0, 1, 2, 3, 4
+# Columns of `Relief.cells`
+CELL_MIN, CELL_MAX, DEEPEST, BEND = 0, 1, 2, 6
+RELIEF_LEVELS = 4
+RELIEF_COLUMNS = BEND + RELIEF_LEVELS
+
+
 class Borders(NamedTuple):
     """Borders of R regions, top to bottom; z in mm from the top of the volume.
 
-    z (R+1), rough (R+1): row of the border in the height fields or -1; index (R+2): refractive index of the outside,
-    the regions, and below, in the band; safe_top, safe_bottom (R): no border of the region reaches between them.
+    table (R + 1, 5): see the columns; index_above: refractive index outside; lx, ly: extent of the patch.
+    Few and small members: a kernel call copies each array's header, and with fourteen arrays that cost more than the
+    border itself.
     """
 
-    z: np.ndarray
-    rough: np.ndarray
-    index: np.ndarray
-    safe_top: np.ndarray
-    safe_bottom: np.ndarray
-    size: np.ndarray
+    table: np.ndarray
+    index_above: float
+    lx: float
+    ly: float
     sides: int
 
 
 class Relief(NamedTuple):
-    """Height fields (n, hx, hy), mm from the top of the volume, and the bounds of their cells; None when all is flat.
+    """Height fields (n, hx, hy), mm from the top of the volume, and what is known of their cells; None when all is flat.
 
-    deepest, bend (LEVELS, n, hx, hy): largest z and largest second derivative (1/mm) of the field within 1, 2, 4, ...
-    cells of a cell: most short flights near the surface are thereby known to miss it without being followed.
+    cells (n, hx, hy, RELIEF_COLUMNS) holds the bounds of the cell's patch, then for 1, 2, 4, 8 cells around it the
+    largest z and the largest second derivative (1/mm): most short flights near the surface are thereby known to miss
+    it without being followed.
     """
 
     heights: np.ndarray
-    cell_min: np.ndarray
-    cell_max: np.ndarray
-    deepest: np.ndarray
-    bend: np.ndarray
+    cells: np.ndarray
 
 
-class Majorant(NamedTuple):
-    """Slabs of constant majorant: z (mm) and optical depth of their upper edges, majorant (1/mm)."""
-
-    z: np.ndarray
-    depth: np.ndarray
-    mu_t: np.ndarray
+@kernel
+def index_of(borders, region):
+    """Refractive index of a region; -1 is the outside, R what lies below."""
+    return borders.index_above if region < 0 else borders.table[region, INDEX]
 
 
 @kernel
 def majorant_depth(majorant, z):
-    """Majorant optical depth at depth z (mm)."""
-    k = majorant.z.size - 1
-    while k > 0 and z < majorant.z[k]:
+    """Majorant optical depth at depth z (mm); majorant (slabs, 3): upper edge (mm), its optical depth, majorant (1/mm)."""
+    k = majorant.shape[0] - 1
+    while k > 0 and z < majorant[k, 0]:
         k -= 1
-    return majorant.depth[k] + (z - majorant.z[k]) * majorant.mu_t[k]
+    return majorant[k, 1] + (z - majorant[k, 0]) * majorant[k, 2]
 
 
 @kernel
@@ -105,14 +109,14 @@ def stays_below(f, i, relief, row, lx, ly):
     while reach > cells:
         level += 1
         cells *= 2.0
-        if level == relief.deepest.shape[0]:
+        if level == RELIEF_LEVELS:
             return False
     x, y = np.float64(f[X + i]), np.float64(f[Y + i])
     a = min(max(int(x * (hx / lx)), 0), hx - 1)
     b = min(max(int(y * (hy / ly)), 0), hy - 1)
-    if min(f[Z_START + i], f[Z + i]) > relief.deepest[level, row, a, b]:
+    if min(f[Z_START + i], f[Z + i]) > relief.cells[row, a, b, DEEPEST + level]:
         return True
-    bend = relief.bend[level, row, a, b] * (dx * dx + dy * dy) * 0.125 + 2.0 * _ROUGH_OFFSET_MM
+    bend = relief.cells[row, a, b, BEND + level] * (dx * dx + dy * dy) * 0.125 + 2.0 * _ROUGH_OFFSET_MM
     if f[Z + i] - height(relief.heights[row], lx, ly, x, y) <= bend:
         return False
     x, y = x - np.float64(f[UX + i]) * path, y - np.float64(f[UY + i]) * path
@@ -126,19 +130,18 @@ def border_distance(borders, relief, k, side, x, y, z, dx, dy, dz, path):
     side = +1: the flight starts below the border, -1: above it.
     """
     if relief is not None:
-        row = borders.rough[k]
+        row = int(borders.table[k, ROUGH])
         if row >= 0:
             return first_hit(
-                relief.heights[row], relief.cell_min[row], relief.cell_max[row], borders.size[0], borders.size[1],
-                x, y, z, dx, dy, dz, path, np.float64(side),
+                relief.heights[row], relief.cells[row], borders.lx, borders.ly, x, y, z, dx, dy, dz, path, np.float64(side)
             )
     end = z + dz * path
     if side > 0:
-        if end >= borders.z[k]:
+        if end >= borders.table[k, BORDER_Z]:
             return -1.0
-    elif end <= borders.z[k]:
+    elif end <= borders.table[k, BORDER_Z]:
         return -1.0
-    return max(0.0, min(path, (borders.z[k] - z) / dz))
+    return max(0.0, min(path, (borders.table[k, BORDER_Z] - z) / dz))
 
 
 @kernel
@@ -147,13 +150,13 @@ def side_distance(borders, x, y, dx, dy, path):
     best, nx, ny = path + 1.0, 0.0, 0.0
     if dx < 0.0 and x + dx * path < 0.0:
         best, nx, ny = max(0.0, -x / dx), 1.0, 0.0
-    elif dx > 0.0 and x + dx * path > borders.size[0]:
-        best, nx, ny = max(0.0, (borders.size[0] - x) / dx), -1.0, 0.0
+    elif dx > 0.0 and x + dx * path > borders.lx:
+        best, nx, ny = max(0.0, (borders.lx - x) / dx), -1.0, 0.0
     s = path + 1.0
     if dy < 0.0 and y + dy * path < 0.0:
         s = max(0.0, -y / dy)
-    elif dy > 0.0 and y + dy * path > borders.size[1]:
-        s = max(0.0, (borders.size[1] - y) / dy)
+    elif dy > 0.0 and y + dy * path > borders.ly:
+        s = max(0.0, (borders.ly - y) / dy)
     if s < best:
         best, nx, ny = s, 0.0, -1.0 if dy > 0.0 else 1.0
     return best, nx, ny
@@ -166,26 +169,24 @@ def enter_surface(words, lane, borders, relief, x, y, z, ux, uy, uz, started):
     Returns (entered, reflections, x, y, z, ux, uy, uz). A flat surface is met at z = border 0; `started` says that the
     photon starts on the surface (it has just left it) and not at the top of the volume.
     """
-    lx, ly = borders.size[0], borders.size[1]
-    index_out, index_in = borders.index[0], borders.index[1]
+    lx, ly = borders.lx, borders.ly
+    index_out, index_in = borders.index_above, borders.table[0, INDEX]
     bounces = 0
     rough = False
     if relief is not None:
-        rough = borders.rough[0] >= 0
+        rough = int(borders.table[0, ROUGH]) >= 0
     while bounces < _MAX_AIR_BOUNCES:
         nx, ny, nz = 0.0, 0.0, 1.0
         if rough:
             if relief is not None:
                 reach = 4.0 * (lx + ly)
                 if uz > 0.0:
-                    reach = min(reach, (borders.safe_top[0] + 1e-3 - z) / uz)
+                    reach = min(reach, (borders.table[0, SAFE_TOP] + 1e-3 - z) / uz)
                 elif uz < 0.0:
                     reach = min(reach, z / -uz + 1e-3)
                 if reach <= 0.0:
                     return False, bounces, x, y, z, ux, uy, uz
-                s = first_hit(
-                    relief.heights[0], relief.cell_min[0], relief.cell_max[0], lx, ly, x, y, z, ux, uy, uz, reach, -1.0
-                )
+                s = first_hit(relief.heights[0], relief.cells[0], lx, ly, x, y, z, ux, uy, uz, reach, -1.0)
                 if s < 0.0:
                     return False, bounces, x, y, z, ux, uy, uz
                 x, y, z = x + ux * s, y + uy * s, z + uz * s
@@ -193,8 +194,8 @@ def enter_surface(words, lane, borders, relief, x, y, z, ux, uy, uz, started):
         elif started:
             return False, bounces, x, y, z, ux, uy, uz
         else:
-            s = (borders.z[0] - z) / uz
-            x, y, z = x + ux * s, y + uy * s, borders.z[0]
+            s = (borders.table[0, BORDER_Z] - z) / uz
+            x, y, z = x + ux * s, y + uy * s, borders.table[0, BORDER_Z]
         cos_i = min(1.0, max(0.0, ux * nx + uy * ny + uz * nz))
         is_reflected, cos_t = split(words, lane, cos_i, index_out, index_in)
         if not is_reflected:
@@ -210,7 +211,7 @@ def enter_surface(words, lane, borders, relief, x, y, z, ux, uy, uz, started):
 @kernel
 def place(f, w, i, borders, majorant, relief, region, x, y, z, ux, uy, uz, rough_border, inside_sign):
     """Puts lane i at (x, y, z) in a region; on a height field just inside, measured at the rounded position."""
-    lx, ly = borders.size[0], borders.size[1]
+    lx, ly = borders.lx, borders.ly
     if borders.sides == PERIODIC:
         x -= lx * math.floor(x / lx)
         y -= ly * math.floor(y / ly)
@@ -223,8 +224,8 @@ def place(f, w, i, borders, majorant, relief, region, x, y, z, ux, uy, uz, rough
     f[Z + i] = z
     f[M + i] = majorant_depth(majorant, z)
     f[UX + i], f[UY + i], f[UZ + i] = ux, uy, uz
-    f[Z_SAFE_TOP + i] = borders.safe_top[region]
-    f[Z_SAFE_BOTTOM + i] = borders.safe_bottom[region]
+    f[Z_SAFE_TOP + i] = borders.table[region, SAFE_TOP]
+    f[Z_SAFE_BOTTOM + i] = borders.table[region, SAFE_BOTTOM]
     w[REGION + i] = region
 
 
@@ -236,9 +237,9 @@ def cross(f, w, i, borders, majorant, relief):
     """
     region = w[REGION + i]
     if relief is not None:
-        row = borders.rough[region]
+        row = int(borders.table[region, ROUGH])
         if row >= 0 and max(f[Z_START + i], f[Z + i]) <= f[Z_SAFE_BOTTOM + i] and borders.sides == PERIODIC:
-            if stays_below(f, i, relief, row, borders.size[0], borders.size[1]):
+            if stays_below(f, i, relief, row, borders.lx, borders.ly):
                 w[BORDER + i] = 0
                 return INSIDE
     path = np.float64(f[PATH + i])
@@ -273,7 +274,7 @@ def meet_side(f, w, i, borders, majorant, relief, region, x, y, z, ux, uy, uz, w
     if borders.sides == OPEN:
         return LEFT_SIDE
     cos_i = min(1.0, abs(ux * wall_x + uy * wall_y))
-    is_reflected, _ = split(w, i, cos_i, borders.index[region + 1], borders.index[0])
+    is_reflected, _ = split(w, i, cos_i, index_of(borders, region), borders.index_above)
     if not is_reflected:
         return LEFT_SIDE
     ux, uy, uz = reflect(ux, uy, uz, wall_x, wall_y, 0.0)
@@ -288,13 +289,13 @@ def meet_border(f, w, i, borders, majorant, relief, region, k, side, x, y, z, ux
     rough = -1
     nx, ny, nz = 0.0, 0.0, -np.float64(side)
     if relief is not None:
-        rough = borders.rough[k]
+        rough = int(borders.table[k, ROUGH])
         if rough >= 0:
-            dx, dy, dz = rough_normal(relief.heights[rough], borders.size[0], borders.size[1], x, y)
+            dx, dy, dz = rough_normal(relief.heights[rough], borders.lx, borders.ly, x, y)
             nx, ny, nz = -side * dx, -side * dy, -side * dz
     if rough < 0:
-        z = borders.z[k]
-    index_from, index_to = borders.index[region + 1], borders.index[region + 1 - side]
+        z = borders.table[k, BORDER_Z]
+    index_from, index_to = index_of(borders, region), index_of(borders, region - side)
     cos_i = min(1.0, max(0.0, ux * nx + uy * ny + uz * nz))
     is_reflected, cos_t = split(w, i, cos_i, index_from, index_to)
     if is_reflected:
@@ -303,7 +304,7 @@ def meet_border(f, w, i, borders, majorant, relief, region, k, side, x, y, z, ux
         place(f, w, i, borders, majorant, relief, region, x, y, z, ux, uy, uz, rough, np.float64(side))
         return INSIDE
     ux, uy, uz = refract(ux, uy, uz, nx, ny, nz, index_from / index_to, cos_i, cos_t)
-    if side < 0 and k == borders.z.size - 1:
+    if side < 0 and k == borders.table.shape[0] - 1:
         f[X + i], f[Y + i], f[UX + i], f[UY + i], f[UZ + i] = x, y, ux, uy, uz
         return LEFT_BOTTOM
     if side < 0 or k > 0:

@@ -27,7 +27,7 @@ _NEIGHBORS = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
 _MAX_LEVEL = 30
 
 
-def cell_bounds(heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def cell_bounds(heights: np.ndarray) -> np.ndarray:
     """Bounds of the surface over each cell: the extremes of its 3 x 3 control points (convex hull property).
 
     Parameters
@@ -36,13 +36,13 @@ def cell_bounds(heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     Returns
     -------
-    cell_min, cell_max : (hx, hy) arrays of the same dtype.
+    (hx, hy, 2) lowest and highest z, of the same dtype.
     """
     rows = [np.roll(heights, shift, axis=0) for shift in (-1, 0, 1)]
     low, high = np.minimum.reduce(rows), np.maximum.reduce(rows)
     cell_min = np.minimum.reduce([np.roll(low, shift, axis=1) for shift in (-1, 0, 1)])
     cell_max = np.maximum.reduce([np.roll(high, shift, axis=1) for shift in (-1, 0, 1)])
-    return np.ascontiguousarray(cell_min), np.ascontiguousarray(cell_max)
+    return np.stack([cell_min, cell_max], axis=-1)
 
 
 def bend_bound(heights: np.ndarray, lx: float, ly: float) -> np.ndarray:
@@ -109,12 +109,13 @@ def slab_interval(z, uz, z_low, z_high, s_max):
 
 
 @kernel
-def first_hit(heights, cell_min, cell_max, lx, ly, x, y, z, ux, uy, uz, s_max, side):
+def first_hit(heights, cells, lx, ly, x, y, z, ux, uy, uz, s_max, side):
     """First crossing of the flight (x, y, z) + s (ux, uy, uz), 0 < s <= s_max, from its own side to the other.
 
     Parameters
     ----------
-    heights, cell_min, cell_max : (hx, hy) control points and their `cell_bounds`, mm.
+    heights : (hx, hy) control points, mm.
+    cells : (hx, hy, 2 or more) their `cell_bounds`: lowest and highest z of each cell.
     lx, ly : periods, mm.
     s_max : finite; see `slab_interval` for flights from afar.
     side : +1.0 when the start is below the surface (f > 0, in the tissue), -1.0 when above. A start on the surface
@@ -131,13 +132,13 @@ def first_hit(heights, cell_min, cell_max, lx, ly, x, y, z, ux, uy, uz, s_max, s
     dx, dy = ux * (hx / lx), uy * (hy / ly)
     cx, cy = math.floor(gx), math.floor(gy)
     i, j = cx % hx, cy % hy
-    if cell_min[i, j] - START_TOLERANCE_MM <= z <= cell_max[i, j] + START_TOLERANCE_MM:
+    if cells[i, j, 0] - START_TOLERANCE_MM <= z <= cells[i, j, 1] + START_TOLERANCE_MM:
         start = side * (z - height(heights, lx, ly, x, y))
         if start < -START_TOLERANCE_MM:
             return 0.0
         if start < LIFT_MM:
             z += side * (LIFT_MM - start)
-    elif (z < cell_min[i, j]) == (side > 0.0):
+    elif (z < cells[i, j, 0]) == (side > 0.0):
         return 0.0
     if dx < 0.0 and gx == cx:
         cx -= 1
@@ -152,9 +153,9 @@ def first_hit(heights, cell_min, cell_max, lx, ly, x, y, z, ux, uy, uz, s_max, s
         i = cx if 0 <= cx < hx else cx % hx
         j = cy if 0 <= cy < hy else cy % hy
         if side > 0.0:
-            may_cross = min(z_in, z_out) <= cell_max[i, j]
+            may_cross = min(z_in, z_out) <= cells[i, j, 1]
         else:
-            may_cross = max(z_in, z_out) >= cell_min[i, j]
+            may_cross = max(z_in, z_out) >= cells[i, j, 0]
         if may_cross and s_out > s_in:
             t = _first_crossing_in_cell(
                 heights, i, j, gx + dx * s_in - cx, gx + dx * s_out - cx, gy + dy * s_in - cy, gy + dy * s_out - cy,

@@ -9,21 +9,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skinrender.transport.borders import Borders, Majorant, Relief
+from skinrender.transport.borders import RELIEF_LEVELS, Borders, Relief
 from skinrender.transport.gather import BRICK, Grid
 from skinrender.transport.height_field import bend_bound, cell_bounds
 from skinrender.transport.move import SLABS
 
 _COARSE_CELLS = 4096
 _WORD = 2.0**32
-_RELIEF_LEVELS = 4
 
 
 class Medium(NamedTuple):
     """All that a walk reads of one band's tissue, besides the relief (see `walk`)."""
 
     borders: Borders
-    majorant: Majorant
+    majorant: np.ndarray
     slabs: np.ndarray
     grid: Grid
     cells_per_mm: np.ndarray
@@ -108,8 +107,8 @@ def choose_slabs(plane_mu_t: np.ndarray, z_edges_mm: np.ndarray, fluence_depth_m
     return np.array(first[::-1])
 
 
-def make_majorant(plane_mu_t: np.ndarray, z_edges_mm: np.ndarray) -> tuple[Majorant, np.ndarray]:
-    """Majorant slabs, and the slab of each plane.
+def make_majorant(plane_mu_t: np.ndarray, z_edges_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Majorant slabs (slabs, 3): upper edge (mm), its optical depth, majorant (1/mm); and the slab of each plane.
 
     A clear slab gets a small majorant, so that depth stays a function of optical depth; its collisions are null.
     """
@@ -118,16 +117,17 @@ def make_majorant(plane_mu_t: np.ndarray, z_edges_mm: np.ndarray) -> tuple[Major
     mu_t = np.maximum(np.maximum.reduceat(plane_mu_t, first), 1e-2 / thickness)
     depth = np.concatenate([[0.0], np.cumsum(mu_t * thickness)])
     plane_slab = np.searchsorted(first, np.arange(plane_mu_t.size), side="right") - 1
-    return Majorant(z_edges_mm[first], depth[:-1], mu_t), plane_slab.astype(np.int32)
+    return np.column_stack([z_edges_mm[first], depth[:-1], mu_t]), plane_slab.astype(np.int32)
 
 
-def flight_constants(majorant: Majorant, real: type) -> np.ndarray:
+def flight_constants(majorant: np.ndarray, real: type) -> np.ndarray:
     """Constants of `move.fly`: lower optical depths, first reciprocal majorant and its changes, padded to SLABS."""
-    free_path = 1.0 / majorant.mu_t
+    free_path = 1.0 / majorant[:, 2]
+    slabs = len(majorant)
     lower = np.full(SLABS - 1, np.finfo(np.float32).max)
     change = np.zeros(SLABS - 1)
-    lower[: majorant.z.size - 1] = majorant.depth[1:]
-    change[: majorant.z.size - 1] = np.diff(free_path)
+    lower[: slabs - 1] = majorant[1:, 1]
+    change[: slabs - 1] = np.diff(free_path)
     return np.concatenate([lower, free_path[:1], change]).astype(real)
 
 
@@ -142,9 +142,10 @@ def collision_thresholds(mu_a: np.ndarray, mu_s: np.ndarray, majorant_mu_t: np.n
     return np.clip(both, -(2.0**31), 2.0**31 - 1).astype(np.int32)
 
 
-def block_type(majorant: Majorant, z_edges_mm: np.ndarray) -> type:
+def block_type(majorant: np.ndarray, z_edges_mm: np.ndarray) -> type:
     """float32, or float64 where float32 can't resolve the thinnest plane or slab (to a thousandth) at its depth."""
-    depth = np.append(majorant.depth, majorant.depth[-1] + majorant.mu_t[-1] * (z_edges_mm[-1] - majorant.z[-1]))
+    z, tau, mu_t = majorant[-1]
+    depth = np.append(majorant[:, 1], tau + mu_t * (z_edges_mm[-1] - z))
     resolved = 2.0**-24 * 1e3
     thin_plane = (np.diff(z_edges_mm) < resolved * z_edges_mm[1:]).any()
     thin_slab = (np.diff(depth) < resolved * depth[1:]).any()
@@ -152,24 +153,23 @@ def block_type(majorant: Majorant, z_edges_mm: np.ndarray) -> type:
 
 
 def make_relief(heights: list[np.ndarray], size_mm: tuple[float, float]) -> Relief | None:
-    """Height fields (hx, hy), mm from the top of the volume, with the bounds of their cells; None without any."""
+    """Height fields (hx, hy), mm from the top of the volume, with what `stays_below` asks of them; None without any."""
     if not heights:
         return None
-    bounds = [cell_bounds(np.ascontiguousarray(field)) for field in heights]
-    deepest = [_largest_within([high for _, high in bounds], 2**level) for level in range(_RELIEF_LEVELS)]
-    bend = [_largest_within([bend_bound(field, *size_mm) for field in heights], 2**level) for level in range(_RELIEF_LEVELS)]
-    return Relief(
-        np.stack(heights), np.stack([low for low, _ in bounds]), np.stack([high for _, high in bounds]),
-        np.stack(deepest), np.stack(bend),
-    )  # fmt: skip
+    cells = []
+    for field in heights:
+        bounds, bend = cell_bounds(field), bend_bound(field, *size_mm)
+        deepest = [_largest_within(bounds[..., 1], 2**level) for level in range(RELIEF_LEVELS)]
+        bends = [_largest_within(bend, 2**level) for level in range(RELIEF_LEVELS)]
+        cells.append(np.dstack([bounds, *deepest, *bends]))
+    return Relief(np.stack(heights), np.stack(cells))
 
 
-def _largest_within(fields: list[np.ndarray], cells: int) -> np.ndarray:
-    """Largest value within so many cells of each cell on both axes, periodically; (n, hx, hy)."""
-    out = np.stack(fields)
-    for axis in (1, 2):
-        out = np.maximum.reduce([np.roll(out, shift, axis) for shift in range(-cells, cells + 1)])
-    return out
+def _largest_within(field: np.ndarray, cells: int) -> np.ndarray:
+    """Largest value within so many cells of each cell on both axes, periodically; (hx, hy)."""
+    for axis in (0, 1):
+        field = np.maximum.reduce([np.roll(field, shift, axis) for shift in range(-cells, cells + 1)])
+    return field
 
 
 def make_medium(
@@ -182,11 +182,11 @@ def make_medium(
     borders and z_edges_mm in mm from the top of the volume, which is z_top in the scene's coordinates.
     """
     majorant, plane_slab = make_majorant(plane_mu_t, z_edges_mm)
-    period = np.asarray(borders.size)
+    period = np.array([borders.lx, borders.ly])
     cells = np.array([columns[0] / period[0], columns[1] / period[1], _COARSE_CELLS / z_edges_mm[-1]])
     last = np.array([columns[0] - 1, columns[1] - 1, _COARSE_CELLS - 1], dtype=np.int32)
     return Medium(
         borders, majorant, flight_constants(majorant, real), grid, cells.astype(real), last, plane_slab,
-        collision_thresholds(mu_a, mu_s, majorant.mu_t), g.astype(np.float32), layer.astype(np.int32),
+        collision_thresholds(mu_a, mu_s, majorant[:, 2]), g.astype(np.float32), layer.astype(np.int32),
         layers, period.astype(real), float(z_top),
     )  # fmt: skip

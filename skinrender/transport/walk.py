@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from skinrender.transport import kernel
-from skinrender.transport.borders import INSIDE, LEFT_BOTTOM, LEFT_TOP, PERIODIC, cross, enter_surface, place
+from skinrender.transport.borders import INSIDE, LEFT_BOTTOM, LEFT_TOP, PERIODIC, ROUGH, cross, enter_surface, place
 from skinrender.transport.emission import emit, tile_position
 from skinrender.transport.gather import gather
 from skinrender.transport.lanes import (
@@ -29,20 +29,19 @@ EMPTY = -1  # value of a lane's FRESH when no history is left for it
 
 
 @kernel
-def launch(f, w, i, source, medium, relief, light, tally, cursor):
+def launch(f, w, i, source, borders, majorant, relief, light, tally, cursor):
     """Starts the next history that enters the skin in lane i; False when none is left.
 
     cursor[0] counts the histories used up. Light that never enters is tallied as specular.
     """
     key, first, count, tiles_x, tiles_y, z_mean, store_first = source
-    borders = medium.borders
     while cursor[0] < count:
         index = cursor[0]
         cursor[0] += 1
         w0, w1, w2, w3 = seed_words(key, first + index)
         w[i], w[LANES + i], w[2 * LANES + i], w[3 * LANES + i] = w0, w1, w2, w3
         u, v = tile_position(index, count, tiles_x, tiles_y, draw(w, i, LANES), draw(w, i, LANES))
-        x, y, ux, uy, uz = emit(light, borders.size[0], borders.size[1], z_mean, u, v, draw(w, i, LANES), draw(w, i, LANES))
+        x, y, ux, uy, uz = emit(light, borders.lx, borders.ly, z_mean, u, v, draw(w, i, LANES), draw(w, i, LANES))
         tally[EMITTED] += 1
         entered, bounces, x, y, z, ux, uy, uz = enter_surface(
             w, i, borders, relief, x, y, 0.0, ux, uy, uz, False
@@ -54,7 +53,7 @@ def launch(f, w, i, source, medium, relief, light, tally, cursor):
             continue
         straight = STRAIGHT if bounces == 0 and not store_first else 0
         w[FRESH + i] = straight | UNSCATTERED
-        place(f, w, i, borders, medium.majorant, relief, 0, x, y, z, ux, uy, uz, borders.rough[0], 1.0)
+        place(f, w, i, borders, majorant, relief, 0, x, y, z, ux, uy, uz, int(borders.table[0, ROUGH]), 1.0)
         return True
     return False
 
@@ -120,6 +119,7 @@ def settle(f, w, n, source, medium, relief, light, keep, position, direction, st
 
     Returns (photons stored so far, whether a lane is left empty).
     """
+    borders, majorant = medium.borders, medium.majorant
     holes = False
     for i in range(n):
         event = w[EVENT + i]
@@ -133,7 +133,7 @@ def settle(f, w, n, source, medium, relief, light, keep, position, direction, st
                     stored += 1
         elif event == ABSORBED:
             tally[PER_LAYER + w[TISSUE + i]] += 1
-            if not launch(f, w, i, source, medium, relief, light, tally, cursor):
+            if not launch(f, w, i, source, borders, majorant, relief, light, tally, cursor):
                 w[FRESH + i] = EMPTY
                 holes = True
         elif w[BORDER + i] == 0:
@@ -144,14 +144,15 @@ def settle(f, w, n, source, medium, relief, light, keep, position, direction, st
 @kernel
 def meet_borders(f, w, n, source, medium, relief, light, tally, exits, cursor):
     """Follows the few flights that may have met a border; relaunches the lanes of photons that left."""
+    borders, majorant = medium.borders, medium.majorant
     holes = False
     for i in range(n):
         if w[BORDER + i] != 0:
-            status = cross(f, w, i, medium.borders, medium.majorant, relief)
+            status = cross(f, w, i, borders, majorant, relief)
             tally[BORDER_HITS] += w[BORDER + i]
             if status != INSIDE:
                 leave(f, w, i, status, tally, exits)
-                if not launch(f, w, i, source, medium, relief, light, tally, cursor):
+                if not launch(f, w, i, source, borders, majorant, relief, light, tally, cursor):
                     w[FRESH + i] = EMPTY
                     holes = True
     return holes
@@ -193,7 +194,7 @@ def walk(f, w, source, light, medium, relief, keep, position, direction, tally, 
     if position is not None:
         room = position.shape[0] - LANES
     if cursor[0] == 0:
-        while n < LANES and launch(f, w, n, source, medium, relief, light, tally, cursor):
+        while n < LANES and launch(f, w, n, source, medium.borders, medium.majorant, relief, light, tally, cursor):
             n += 1
     while n > 0 and stored <= room:
         fly(f, w, n, medium.slabs)

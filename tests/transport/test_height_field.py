@@ -21,7 +21,7 @@ def rough(hx=24, hy=16, amplitude=0.1, seed=3):
 def hit(heights, start, direction, s_max, side, lx=LX, ly=LY):
     direction = np.asarray(direction, float)
     return first_hit(
-        heights, *cell_bounds(heights), lx, ly, *start, *(direction / np.linalg.norm(direction)), s_max, side
+        heights, cell_bounds(heights), lx, ly, *start, *(direction / np.linalg.norm(direction)), s_max, side
     )
 
 
@@ -99,10 +99,10 @@ def test_normal_of_a_spherical_dent_converges_at_second_order():
 
 def test_bounds_hold_the_surface():
     heights = rough(6, 4)
-    cell_min, cell_max = cell_bounds(heights)
+    bounds = cell_bounds(heights)
     for x, y in np.random.default_rng(2).uniform(0.0, 1.0, (500, 2)) * (LX, LY):
         i, j = int(x / LX * 6), int(y / LY * 4)
-        assert cell_min[i, j] <= height(heights, LX, LY, x, y) <= cell_max[i, j]
+        assert bounds[i, j, 0] <= height(heights, LX, LY, x, y) <= bounds[i, j, 1]
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -115,7 +115,7 @@ def test_first_hit_agrees_with_brute_force(side):
         start[2] = height(heights, LX, LY, start[0], start[1]) + side * rng.exponential(0.1)
         direction = rng.normal(size=3) * (1.0, 1.0, 0.3)
         direction /= np.linalg.norm(direction)
-        s = first_hit(heights, *bounds, LX, LY, *start, *direction, 2.0, side)
+        s = first_hit(heights, bounds, LX, LY, *start, *direction, 2.0, side)
         expected = brute_force(heights, start, direction, 2.0, side)
         if expected < 0.0 <= s:  # the grid stepped over a sliver: then the crossing itself must be there
             x, y, z = start + s * direction
@@ -133,7 +133,7 @@ def test_hit_lies_on_the_surface_and_crosses_from_its_side():
         x, y = rng.uniform(0.0, 2.0, 2)
         direction = rng.normal(size=3)
         direction /= np.linalg.norm(direction)
-        s = first_hit(heights, *bounds, LX, LY, x, y, 4.0, *direction, 20.0, 1.0)
+        s = first_hit(heights, bounds, LX, LY, x, y, 4.0, *direction, 20.0, 1.0)
         if s >= 0.0:
             p = np.array([x, y, 4.0]) + s * direction
             z, slope_x, slope_y = height_and_gradient(heights, LX, LY, p[0], p[1])
@@ -154,7 +154,7 @@ def test_start_on_the_surface_does_not_return_itself():
         direction = rng.normal(size=3)
         direction *= side * np.sign(direction @ inward) / np.linalg.norm(direction)
         leaving = abs(direction @ inward)
-        s = first_hit(heights, *bounds, LX, LY, x, y, z + rng.choice([-1e-10, 0.0, 1e-10]), *direction, 1.0, side)
+        s = first_hit(heights, bounds, LX, LY, x, y, z + rng.choice([-1e-10, 0.0, 1e-10]), *direction, 1.0, side)
         assert s == -1.0 or s > 1e-4 * leaving
 
 

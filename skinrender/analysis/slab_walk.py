@@ -1,0 +1,194 @@
+"""Walking photons through a stack of a truth file, by the way of any scene: scene, volume, photon pass, rounds."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from skinrender.analysis.slab_stats import Result
+from skinrender.analysis.slab_truth import SlabRecord, Stack
+from skinrender.engine.crew import Crew
+from skinrender.engine.ledger import Ledger
+from skinrender.engine.recipe import scene_recipe
+from skinrender.engine.run import count_light
+from skinrender.engine.stop import MIN_ROUNDS
+from skinrender.engine.summary import TraceSummary
+from skinrender.errors import InputError
+from skinrender.scene import make_scene
+from skinrender.skin.builder import build_volume
+from skinrender.skin.volume import save_volume
+from skinrender.transport import tally
+
+if TYPE_CHECKING:
+    from skinrender.scene import Scene
+
+ROUNDS = 128
+"""Batches for the standard errors of a result: with 32, 4 standard errors are exceeded six times as often."""
+PATCH_MM = 10.0
+LEAST_HISTORIES = 1 << 14
+PILOT_HISTORIES = 1 << 12
+MOST_EVENTS = 2e10
+"""Scattering events of one record; some minutes on one core."""
+_MARGIN = 0.9
+_MARGIN_EVENTS = 0.75
+"""Part of the wanted standard error that is aimed at; that of events is itself known from a pilot only."""
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Wanted standard errors: of fractions, and relative ones of events where there is at least one a history."""
+
+    fraction: float = 1e-3
+    events: float = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class RecordCheck:
+    """What the check of one record found.
+
+    Parameters
+    ----------
+    results : of all its quantities.
+    histories, scatterings : walked for them.
+    seconds : spent.
+    note : what the user should know, or "".
+    """
+
+    results: tuple[Result, ...]
+    histories: int
+    scatterings: int
+    seconds: float
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class FixedRounds:
+    """Stop rule: a number of rounds settled beforehand, whatever they say."""
+
+    count: int
+
+    def met(self, ledger: Ledger) -> bool:
+        return len(ledger.rounds) >= self.count
+
+
+def stack_scene(
+    record: SlabRecord, *, cuts_mm: Sequence[float] = (), size_mm: float = PATCH_MM, pencil: bool = False
+) -> Scene:
+    """The scene of a record's stack: one band, periodic sides.
+
+    Parameters
+    ----------
+    cuts_mm : depths at which layers are divided, so that each part is counted apart; see `parts`.
+    size_mm : side of the patch.
+    pencil : a pencil beam at its center in place of light all over it.
+    """
+    stack = record.stack
+    if stack.incidence == "diffuse":
+        light: dict[str, Any] = {"kind": "sky"}
+    else:
+        light = {"kind": "collimated", **({"radius_mm": 0.0} if pencil else {})}
+    described = {
+        "patch": {"size_mm": [size_mm, size_mm], "columns": [1, 1]},
+        "bands_nm": [550.0],
+        "slab": {"layers": [_described(stack, *part) for part in parts(stack, cuts_mm)]},
+        "outside": {"refractive_index": stack.n_above},
+        "below": {"refractive_index": stack.n_below},
+        "inner_borders": "fresnel",
+        "light": {**light, "spectrum": "E"},
+    }
+    try:
+        return make_scene(described)
+    except InputError as error:
+        raise InputError(f"no scene can be made of its layers\n{error}", where=record.where) from None
+
+
+def parts(stack: Stack, cuts_mm: Sequence[float] = ()) -> list[tuple[int, float, float]]:
+    """Parts of the layers between cuts: index of the layer, upper and lower depth (mm), top to bottom."""
+    borders = stack.depth_mm
+    found = []
+    for i, (top, bottom) in enumerate(zip(borders, borders[1:])):
+        inside = sorted({float(z) for z in cuts_mm if top < z < bottom})
+        edges = [top, *inside, bottom]
+        found += [(i, upper, lower) for upper, lower in zip(edges, edges[1:])]
+    return found
+
+
+def _described(stack: Stack, layer: int, top: float, bottom: float) -> dict[str, float]:
+    optics = stack.layers[layer]
+    return {
+        "thickness_mm": bottom - top,
+        "mu_a_per_mm": optics.mu_a,
+        "mu_s_per_mm": optics.mu_s,
+        "g": optics.g,
+        "refractive_index": optics.n,
+    }
+
+
+def count_rounds(scene: Scene, seed: int, histories: int, rounds: int = ROUNDS) -> TraceSummary:
+    """Walk at least `histories` in `rounds` rounds without storing photons."""
+    with tempfile.TemporaryDirectory(prefix="skinrender-") as folder:
+        path = Path(folder) / "volume.npz"
+        save_volume(build_volume(scene), path)
+        share = np.array([-(-histories // rounds)])
+        crew = Crew(workers=1, progress=False)
+        return count_light(scene_recipe(scene, path), seed, share, FixedRounds(rounds), crew=crew)
+
+
+def record_seed(seed: int, record_id: str, stage: int = 0) -> int:
+    """Seed of a record's photons: independent of those of other records, whatever else is walked."""
+    words = np.random.SeedSequence([seed, stage, *record_id.encode()]).generate_state(1, np.uint64)
+    return int(words[0] >> np.uint64(1))
+
+
+def histories_for_fractions(expected: Sequence[float], stderr: float) -> int:
+    """Histories that bring the binomial standard errors of all these fractions below `stderr`."""
+    variance = max((p * (1.0 - p) for p in expected), default=0.0)
+    return max(LEAST_HISTORIES, math.ceil(variance / (_MARGIN * stderr) ** 2))
+
+
+def planned_histories(
+    walk: Callable[[int, int], TraceSummary], fractions: Sequence[float], scatter_events: Sequence[float], wanted: Accuracy
+) -> tuple[int, bool]:
+    """Number of histories, settled before the first one that counts; and whether it had to be limited.
+
+    A run that ends when its own standard error has become small ends sooner where rare long histories happen to be
+    missing: its mean is then too low and its standard error far too low. So nothing that counts decides its own
+    number: fractions need what follows from their expected values, scattering events what follows from pilots, which
+    are thrown away. A pilot decides about at most four times its own size; else a larger one is walked.
+
+    Parameters
+    ----------
+    walk : walks a pilot: (its number, histories) -> counts.
+    fractions, scatter_events : expected.
+    """
+    enough = histories_for_fractions(fractions, wanted.fraction)
+    most = max(LEAST_HISTORIES, int(MOST_EVENTS / max(1.0, sum(scatter_events))))
+    if max(scatter_events, default=0.0) < 1.0:
+        return min(enough, most), enough > most
+    pilot, number = min(PILOT_HISTORIES, most), 1
+    while True:
+        needed = _histories_for_events(walk(number, pilot), scatter_events, _MARGIN_EVENTS * wanted.events)
+        if needed <= max(enough, 4 * pilot) or 4 * pilot >= most:
+            break
+        pilot, number = min(max(2 * pilot, needed // 4), most // 4), number + 1
+    wanted_histories = max(enough, needed)
+    return min(wanted_histories, most), wanted_histories > most
+
+
+def _histories_for_events(pilot: TraceSummary, expected: Sequence[float], relative: float) -> int:
+    layers = len(expected)
+    columns = tally.scattered(layers)
+    errors = pilot.fractions_stderr[0, columns]
+    needed = [pilot.emitted * (error / (relative * mean)) ** 2 for error, mean in zip(errors, expected) if mean >= 1.0]
+    return math.ceil(max(needed))
+
+
+def pilot_walk(scene: Scene, seed: int, record_id: str) -> Callable[[int, int], TraceSummary]:
+    """The walk of a record's pilots, each with a seed of its own."""
+    return lambda number, histories: count_rounds(scene, record_seed(seed, record_id, number), histories, MIN_ROUNDS)

@@ -1,0 +1,86 @@
+"""skinrender check: the photon walk against truths."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from skinrender.cli.console import Console, Row
+from skinrender.cli.options import reporting, with_workers
+from skinrender.errors import RunError
+
+if TYPE_CHECKING:
+    from skinrender.analysis.slab_stats import Result
+
+
+@click.command()
+@click.option(
+    "--slabs", "slabs", required=True, metavar="FILE", type=click.Path(path_type=Path),
+    help="Truths of layered slabs (JSON): totals, fields or radial profiles.",
+)
+@click.option("--only", metavar="PATTERN", help="Records whose id begins so or matches, e.g. 'thin*'.")
+@click.option(
+    "--stderr", type=click.FloatRange(1e-5, 0.1), default=1e-3, show_default=True,
+    help="Standard error wanted of fractions; that of scattering events is 20 times it, relative.",
+)
+@click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help="Seed of the photons.")
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), metavar="DIR", default=Path("out/check"), show_default=True,
+    help="Folder to write to.",
+)
+@with_workers
+@reporting
+def check(
+    slabs: Path, only: str | None, stderr: float, seed: int, output: Path, workers: int | None, console: Console
+) -> None:  # fmt: skip
+    """Check the photon walk against truths, through the same volume and kernels as skin.
+
+    Writes check.csv: each quantity with what is expected, what was got, the standard error and their z, which must
+    stay below 4.
+
+    \b
+    Example:
+      skinrender check --slabs tests/truth/layered_slabs.json --only 'skin7*'
+    """
+    from tqdm import tqdm
+
+    from skinrender.analysis.slab_walk import Accuracy
+    from skinrender.analysis.slabs import check_slabs, write_results
+    from skinrender.cli.job import make_folder
+
+    def watch(items: Iterable, count: int) -> Iterable:
+        return tqdm(items, desc="check", total=count, unit=" records", disable=None if console.progress else True, leave=False)
+
+    folder = make_folder(output)
+    found = check_slabs(
+        slabs, only=only, seed=seed, wanted=Accuracy(stderr, 20.0 * stderr), workers=workers, watch=watch
+    )
+    results, summary = found.results, found.as_json()
+    write_results(folder / "check.csv", results)
+    for note in summary["notes"]:
+        console.warn(note)
+    console.result(summary, [*_table(results), *_conclusion(summary)])
+    failed = [result for result in results if not result.ok]
+    if failed:
+        worst = max(failed, key=lambda result: abs(result.z))
+        raise RunError(f"{len(failed)} of {len(results)} quantities are off, the worst {worst.id} {worst.quantity}")
+
+
+def _table(results: Iterable[Result]) -> list[Row]:
+    rows = [("quantity", f"{'expected':>13} {'got':>13} {'stderr':>9} {'z':>7}  ok")]
+    for r in results:
+        values = f"{r.expected:13.7g} {r.got:13.7g} {r.stderr:9.2g} {r.z:7.2f}  {'yes' if r.ok else 'NO'}"
+        rows.append((f"{r.id} {r.quantity}", values))
+    return rows
+
+
+def _conclusion(summary: dict[str, Any]) -> list[Row]:
+    of_r = summary["R_total_z"]
+    rows = [("", ""), ("all within 4 standard errors", "yes" if summary["ok"] else "NO")]
+    if of_r["mean"] is not None:
+        told = f"mean {of_r['mean']:+.2f}, sum of squares {of_r['sum_z2']:.1f} of {of_r['count']} (p {of_r['p_chi2']:.2g})"
+        rows.append(("z of R_total over the records", f"{told}, Kolmogorov-Smirnov p {of_r['p_ks']:.2g}"))
+    return rows
