@@ -111,3 +111,10 @@ def fractions(walked: list[Round]) -> np.ndarray:
     """Tallies per history (rounds, columns) of the first band, null collisions and border hits left out."""
     ratios = np.array([one.tallies[0] / one.emitted[0] for one in walked])
     return np.delete(ratios, [tally.COLLISIONS_NULL, tally.BORDER_HITS], axis=1)
+
+
+def furrow(depth_mm: float, width: float = 0.2, samples: int = 100, size: float = 1.0) -> np.ndarray:
+    """Control points of a furrow along y with walls as steep as one cell allows: level 0, the furrow's bottom below it."""
+    center = (np.arange(samples) + 0.5) * (size / samples)
+    inside = np.abs(center - 0.5 * size) < 0.5 * width
+    return np.repeat(np.where(inside, depth_mm, 0.0)[:, None], 4, axis=1).astype(np.float32)

@@ -17,7 +17,7 @@ from tqdm import tqdm
 from skinrender.engine.clock import StageClock
 from skinrender.errors import InputError
 from skinrender.estimate.beam import estimate_beam
-from skinrender.estimate.lattice import RayLattice, make_lattice, slab_edges, visible_depth_mm
+from skinrender.estimate.lattice import make_lattice, slab_edges, visible_depth_mm
 from skinrender.estimate.point import estimate_point, march_edges
 from skinrender.estimate.scatter_image import ScatteredLight, batch_stderr
 from skinrender.estimate.single import single_scattering
@@ -31,7 +31,7 @@ from skinrender.photonmap.light import light_from_scene
 from skinrender.photonmap.photon_map import PhotonMap
 from skinrender.skin.volume import SkinVolume
 
-RELIEF_SUBPIXELS = 2
+RELIEF_SUBPIXELS = 3
 METHODS = ("beam", "point")
 
 
@@ -106,7 +106,7 @@ def estimate(
     with clock.stage("estimate"):
         light = light_from_scene(scene)
         subpixels = scene.estimate.subpixels or (1 if volume.surface_mm is None else RELIEF_SUBPIXELS)
-        rays = view_rays(scene.camera, volume.size_mm, subpixels)
+        rays = view_rays(scene.camera, volume.size_mm)
         edges = slab_edges(volume) if method == "beam" else march_edges(visible_depth_mm(volume))
         lattice = make_lattice(rays.origin, rays.direction, volume, edges)
         center = irradiance(light, np.array([0.5 * length for length in volume.size_mm]), volume.size_mm, True)
@@ -123,14 +123,27 @@ def estimate(
             scattered = (estimate_beam if method == "beam" else estimate_point)(stream, gather)
         view = make_view_path(rays.origin, rays.direction, volume)
         single = single_scattering(view, volume, light)
-        surface = np.zeros_like(single)
-        if not scene.camera.cross_polarized:
-            surface = surface_reflection(view, volume, light, scene.finish)
+        surface = _surface(scene, volume, light, subpixels)
         points = view.entry[:, :2] if lattice.hit.all() else _plane_points(rays)
         falling = irradiance(light, points, volume.size_mm, volume.sides == "periodic")
-        parts = _Parts(lattice, subpixels, y_weight)
-        image = parts.image(scattered, single, surface, falling, exposure, volume, photon_map)
-    return image, _summary(method, image, parts, scattered, single, surface, clock)
+        image = _image(lattice.shape, scattered, single, surface, falling, y_weight, exposure, volume, photon_map)
+    return image, _summary(method, image, scattered, clock)
+
+
+def _surface(scene: Any, volume: SkinVolume, light: Any, subpixels: int) -> np.ndarray:
+    """Light reflected by the surface, mean over the subpixels of each pixel, (h w, B).
+
+    Only this term needs more than one ray a pixel: facets of a relief are smaller than pixels, while the light from
+    inside is smooth.
+    """
+    w, h = scene.camera.pixels
+    bands = len(volume.wavelength_nm)
+    if scene.camera.cross_polarized:
+        return np.zeros((h * w, bands))
+    rays = view_rays(scene.camera, volume.size_mm, subpixels)
+    view = make_view_path(rays.origin, rays.direction, volume)
+    reflected = surface_reflection(view, volume, light, scene.finish)
+    return reflected.reshape(h, subpixels, w, subpixels, bands).mean(axis=(1, 3)).reshape(h * w, bands)
 
 
 def _plane_points(rays: Any) -> np.ndarray:
@@ -140,48 +153,31 @@ def _plane_points(rays: Any) -> np.ndarray:
     return (origin + direction * (-origin[:, 2:] / down))[:, :2]
 
 
-@dataclass(frozen=True, eq=False)
-class _Parts:
-    """Puts the parts of the radiance together and averages the rays of a pixel."""
-
-    lattice: RayLattice
-    subpixels: int
-    y_weight: np.ndarray
-
-    def pixels(self, values: np.ndarray) -> np.ndarray:
-        """Mean over the rays of each pixel: (..., Q) or (..., h k, w k) to (..., h, w)."""
-        k = self.subpixels
-        h, w = self.lattice.shape
-        lead = values.shape[: -2 if values.shape[-2:] == (h, w) else -1]
-        return values.reshape(*lead, h // k, k, w // k, k).mean(axis=(-3, -1))
-
-    def image(self, scattered: ScatteredLight, single, surface, falling, exposure, volume, photon_map) -> SpectralImage:
-        """The spectral picture; single, surface and falling are (Q, B)."""
-        h, w = self.lattice.shape
-        multiple = np.moveaxis(scattered.radiance, -1, 0).reshape(-1, h, w)
-        spectrum = self.pixels(multiple) + self.pixels((single + surface).T)
-        noise = batch_stderr(self.pixels(scattered.batch_y), scattered.batch_rounds)
-        return SpectralImage(
-            radiance=np.moveaxis(spectrum, 0, -1).astype(np.float32),
-            wavelength_nm=volume.wavelength_nm,
-            surface_Y=self.pixels(surface @ self.y_weight).astype(np.float32),
-            single_Y=self.pixels(single @ self.y_weight).astype(np.float32),
-            multiple_Y=np.tensordot(self.y_weight, self.pixels(multiple), 1).astype(np.float32),
-            stderr_Y=noise.astype(np.float32),
-            irradiance=np.moveaxis(self.pixels(falling.T), 0, -1).astype(np.float32),
-            exposure=exposure,
-            provenance={"photon_map": dict(photon_map.provenance)},
-        )
+def _image(
+    shape, scattered: ScatteredLight, single, surface, falling, y_weight, exposure, volume, photon_map
+) -> SpectralImage:
+    """The spectral picture; single, surface and falling are (h w, B)."""
+    cube = (*shape, -1)
+    return SpectralImage(
+        radiance=(scattered.radiance + (single + surface).reshape(cube)).astype(np.float32),
+        wavelength_nm=volume.wavelength_nm,
+        surface_Y=(surface @ y_weight).reshape(shape).astype(np.float32),
+        single_Y=(single @ y_weight).reshape(shape).astype(np.float32),
+        multiple_Y=(scattered.radiance @ y_weight).astype(np.float32),
+        stderr_Y=batch_stderr(scattered.batch_y, scattered.batch_rounds).astype(np.float32),
+        irradiance=falling.reshape(cube).astype(np.float32),
+        exposure=exposure,
+        provenance={"photon_map": dict(photon_map.provenance)},
+    )
 
 
-def _summary(method, image: SpectralImage, parts: _Parts, scattered, single, surface, clock) -> EstimateSummary:
+def _summary(method: str, image: SpectralImage, scattered: ScatteredLight, clock: StageClock) -> EstimateSummary:
     y = image.y()
     lit = y > 0
     ratio = image.stderr_Y[lit] / y[lit]
-    mean = image.radiance.sum(axis=-1, dtype=np.float64).mean()
     return EstimateSummary(
         method=method,
-        mean_radiance=float(mean),
+        mean_radiance=float(image.radiance.sum(axis=-1, dtype=np.float64).mean()),
         mean_radiance_stderr=float(batch_stderr(scattered.batch_radiance, scattered.batch_rounds)),
         nan_pixels=int(np.sum(~np.isfinite(image.radiance).all(axis=-1))),
         photons_gathered=float(scattered.gathered),

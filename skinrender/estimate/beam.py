@@ -17,12 +17,12 @@ from skinrender.estimate.stream import Band, Stream
 from skinrender.transport import kernel
 
 
-def estimate_beam(stream: Stream, gather_count: int) -> ScatteredLight:
+def estimate_beam(stream: Stream, gather_count: int | None) -> ScatteredLight:
     """Beam estimate of the multiply scattered light.
 
     Parameters
     ----------
-    gather_count : photons that a beam should meet, on average; sets the kernel's radius.
+    gather_count : photons that a beam should meet, on average; None: as wide as the tissue allows.
     """
     lattice, volume = stream.lattice, stream.volume
     h, w = lattice.shape

@@ -60,6 +60,8 @@ def slab_of(edges, depth):
 @kernel
 def image_range(x, length, low, high):
     """Periods k, first and last, for which x + k length lies in [low, high]."""
+    if low <= x <= high and x - length < low and x + length > high:
+        return 0, 0
     return math.ceil((low - x) / length), math.floor((high - x) / length)
 
 

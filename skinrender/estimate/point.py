@@ -27,23 +27,25 @@ def march_edges(deepest_mm: float) -> np.ndarray:
     return np.linspace(0.0, deepest_mm, max(1, int(np.ceil(deepest_mm / MARCH_MM))) + 1)
 
 
-def sphere_radii_mm(stream: Stream, gather_count: int) -> np.ndarray:
+def sphere_radii_mm(stream: Stream, gather_count: int | None) -> np.ndarray:
     """Radius at each march step, (S,), at which a sphere holds `gather_count` photons; between a bin and `WIDEST_MM`."""
     edges = stream.lattice.depth_edges_mm
     depths, photons_per_sample = stream.sampled_depths()
     count = np.histogram(depths, edges)[0] * photons_per_sample
     lx, ly = stream.volume.size_mm
     density = np.maximum(count, 1.0) / (np.diff(edges) * lx * ly)
-    radius = np.cbrt(3.0 * gather_count / (4.0 * np.pi * density))
+    radius = np.full(len(density), WIDEST_MM)
+    if gather_count is not None:
+        radius = np.cbrt(3.0 * gather_count / (4.0 * np.pi * density))
     return np.clip(radius, stream.lattice.spacing_mm / 2, WIDEST_MM)
 
 
-def estimate_point(stream: Stream, gather_count: int) -> ScatteredLight:
+def estimate_point(stream: Stream, gather_count: int | None) -> ScatteredLight:
     """Point estimate of the multiply scattered light; the lattice's slabs are the march steps (`march_edges`).
 
     Parameters
     ----------
-    gather_count : photons that a sample point's sphere should hold, on average.
+    gather_count : photons that a sample point's sphere should hold, on average; None: the widest spheres.
     """
     lattice = stream.lattice
     h, w = lattice.shape

@@ -25,8 +25,10 @@ STEPS = (1.0, 1.5, 2.2, 3.2, 4.6, 6.8, 10.0, 15.0, 22.0, 32.0)
 """Radii in ray spacings that a bounded kernel may take; 1 is the single ray."""
 
 
-def gather_radius_mm(gather_count: int, photons: int, size_mm: tuple[float, float]) -> float:
-    """Radius at which a beam meets `gather_count` of the photons that lie under the patch, at most `WIDEST_MM`."""
+def gather_radius_mm(gather_count: int | None, photons: int, size_mm: tuple[float, float]) -> float:
+    """Radius at which a beam meets `gather_count` of the photons under the patch; `WIDEST_MM` at most and for None."""
+    if gather_count is None:
+        return WIDEST_MM
     per_area = photons / (size_mm[0] * size_mm[1])
     return min(WIDEST_MM, math.sqrt(gather_count / (math.pi * max(per_area, 1e-12))))
 

@@ -33,9 +33,13 @@ class Estimate(Part):
     """The radiance estimate."""
 
     method: Literal["beam", "point", "reference"] = Field("beam", description="how radiance is estimated")
-    gather_count: GatherCount = Field(32_400, description="photons that a beam or sample point should meet, on average")
+    gather_count: GatherCount | None = Field(
+        None,
+        description="photons that a beam or sample point should meet, on average; null = the widest kernel that keeps the "
+        "picture sharp",
+    )
     subpixels: Subpixels | None = Field(
-        None, description="view rays along each side of a pixel; null = as many as the scene needs"
+        None, description="rays along each side of a pixel for the surface's reflection; null = as many as it needs"
     )
 
 

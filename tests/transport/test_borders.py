@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from skinrender.estimate.deposit import unpack_direction
 from skinrender.photonmap.photon_pass import PhotonPass
-from skinrender.skin.spline import control_points
-from skinrender.transport import kernel
-from skinrender.transport.borders import (
-    INSIDE, LEFT_SIDE, LEFT_TOP, PERIODIC, Borders, Majorant, cross, enter_surface, majorant_depth, stays_below,
-)  # fmt: skip
+from skinrender.skin.spline import control_points, evaluate_grid
+from skinrender.transport import kernel, tally
+from skinrender.transport.borders import PERIODIC, Borders, enter_surface, stays_below
 from skinrender.transport.fresnel import fresnel
-from skinrender.transport.height_field import first_hit, height, height_and_gradient
-from skinrender.transport.lanes import (
-    BORDER, FRESH, LANES, M, PATH, REGION, STRAIGHT, UNSCATTERED, UX, UY, UZ, X, Y, Z, Z_SAFE_BOTTOM, Z_SAFE_TOP,
-    Z_START, new_block,
-)  # fmt: skip
+from skinrender.transport.height_field import first_hit, height
+from skinrender.transport.lanes import LANES, PATH, UX, UY, UZ, X, Y, Z, Z_START, new_block
 from skinrender.transport.medium import make_relief
-from tests.stats import assert_share
-from tests.volumes import Layer, beam, slab_volume, walk_rounds
+from tests.stats import assert_mean, assert_same_means, assert_share
+from tests.volumes import Layer, beam, fractions, furrow, sky, slab_volume, walk_rounds
 
 N_TISSUE = 1.4
 """Of the refracted flights here; 1.4 is skin's."""
@@ -118,3 +115,158 @@ def test_stored_directions_are_those_refracted_at_a_tilted_interface():
     expected = snell(direction_of(15.0, 30.0), normal, 1.0 / N_TISSUE)
     unturned = np.linalg.norm(directions - expected, axis=1) < 1e-4
     assert len(directions) > 100 and unturned.mean() > 0.9
+
+
+@kernel
+def doubtful_flights(f, relief, lx, ly, directions, starts, path, out):
+    """For flights from a height field's lower side: (is said to stay below, first crossing or -1)."""
+    for i in range(path.size):
+        x, y, z = starts[i, 0], starts[i, 1], starts[i, 2]
+        ux, uy, uz = directions[i, 0], directions[i, 1], directions[i, 2]
+        f[X], f[Y], f[Z], f[Z_START] = x + ux * path[i], y + uy * path[i], z + uz * path[i], z
+        f[UX], f[UY], f[UZ], f[PATH] = ux, uy, uz, path[i]
+        out[i, 0] = 1.0 if stays_below(f, 0, relief, 0, lx, ly) else 0.0
+        out[i, 1] = first_hit(
+            relief.heights[0], relief.cell_min[0], relief.cell_max[0], lx, ly, x, y, z, ux, uy, uz, path[i], 1.0
+        )
+
+
+@pytest.mark.parametrize("roughness", [0.02, 0.3])
+def test_a_flight_said_to_stay_below_crosses_nothing(roughness):
+    rng = np.random.default_rng(3)
+    heights = (roughness * rng.normal(size=(24, 16))).astype(np.float32)
+    relief = make_relief([heights], (2.0, 1.0))
+    n = 200_000
+    directions = rng.normal(size=(n, 3))
+    directions = (directions / np.linalg.norm(directions, axis=1)[:, None]).astype(np.float32)
+    path = rng.exponential(0.2, n).astype(np.float32)
+    ends = rng.uniform(0.0, 1.0, (n, 2)) * [2.0, 1.0]
+    starts = np.empty((n, 3), np.float32)
+    starts[:, :2] = ends - directions[:, :2] * path[:, None]
+    surface = np.array([height(relief.heights[0], 2.0, 1.0, float(x), float(y)) for x, y in starts[:, :2]])
+    starts[:, 2] = surface + rng.exponential(roughness, n) + 1e-6
+    out, (f, _) = np.empty((n, 2)), new_block(np.float32)
+    doubtful_flights(f, relief, 2.0, 1.0, directions, starts, path, out)
+    below, hit = out[:, 0] == 1.0, out[:, 1] >= 0.0
+    assert not np.any(below & hit)
+    assert hit.sum() > 1000 and below.sum() > 0.3 * (~hit).sum()
+
+
+def unscattered_through(surface, flown, mu_a, thickness):
+    """Mean of exp(-mu_a l), l the length inside a relief that refracts nothing, over the patch of 1 mm2."""
+    s = np.linspace(0.0, (thickness - surface.min()) / flown[2], 4001)
+    s = 0.5 * (s[1:] + s[:-1])
+    x = (np.arange(2000) + 0.5) / 2000
+    h = evaluate_grid(surface, (1.0, 1.0), np.linspace(0.0, 1.0, 4000, endpoint=False), np.array([0.5]))[:, 0]
+    z = surface.min() + s * flown[2]
+    at = ((x[:, None] + s * flown[0]) % 1.0 * 4000).astype(int)
+    length = (z > h[at]).sum(axis=1) * (s[1] - s[0])
+    return np.exp(-mu_a * length).mean()
+
+
+@pytest.mark.parametrize("zenith", [0.0, 40.0, 75.0])
+@pytest.mark.parametrize("depth", [0.1, 0.8])
+def test_light_straight_through_a_furrow_is_dimmed_by_the_tissue_on_its_way(zenith, depth):
+    """Equal indices: flights leave and enter again through both walls, and nothing turns them."""
+    surface, mu_a = furrow(depth), 1.5
+    volume = slab_volume([Layer(1.0, mu_a, 0.0, n=1.0)], surface=surface, planes=[10])
+    flown = direction_of(zenith, 0.0)
+    walked = walk_rounds(PhotonPass(volume, beam(zenith), 7), 20_000, 2)
+    transmitted = sum(one.tallies[0, tally.TRANSMITTED_UNSCATTERED] for one in walked)
+    assert_share(transmitted, 40_000, unscattered_through(surface, flown, mu_a, 1.0), 6)
+
+
+@pytest.mark.parametrize("surface", [furrow(0.8), tilted(0.5, 0.3), dent(0.5, 0.4)], ids=["furrow", "saw", "dent"])
+@pytest.mark.parametrize("light", [beam(0.0), beam(60.0), beam(89.9), sky()], ids=["normal", "oblique", "grazing", "sky"])
+def test_steep_walls_lose_no_photon(surface, light):
+    volume = slab_volume([Layer(1.0, 0.5, 20.0)], columns=(20, 20), planes=[20], surface=surface)
+    walked = walk_rounds(PhotonPass(volume, light, 8), 4000, 3, store=True)
+    assert sum(one.tallies[0, tally.REFLECTED] for one in walked) > 0
+
+
+@pytest.mark.parametrize("light", [beam(0.0), beam(75.0), sky()], ids=["normal", "oblique", "sky"])
+def test_clear_relief_as_inner_border_is_the_same_relief(light):
+    """The surface's code against the inner border's: a layer of index 1 above the same height field."""
+    surface = dent(0.5, 0.4, samples=48) + furrow(0.3, samples=48)[:, :1]
+    tissue, air = Layer(1.0, 0.0, 0.0), Layer(0.5, 0.0, 0.0, n=1.0)
+    plain = slab_volume([tissue], surface=surface)
+    inner = replace(slab_volume([air, tissue]), border_mm=(surface + np.float32(air.thickness))[None])
+    walks = [walk_rounds(PhotonPass(volume, light, seed), 5000, 20) for volume, seed in ((plain, 1), (inner, 2))]
+    columns = [tally.REFLECTED, tally.TRANSMITTED, tally.REFLECTED_UNSCATTERED]
+    assert_same_means(*([one.tallies[0, columns] for one in walked] for walked in walks))
+
+
+@pytest.mark.parametrize("zenith", [0.0, 60.0, 85.0, 89.9])
+def test_level_relief_reflects_as_a_plane(zenith):
+    """Also on a patch much narrower than the way that light at grazing incidence has from the relief's top."""
+    surface = np.zeros((4, 4), np.float32)
+    surface[0, 0] = -1e-5
+    eta = 1.0 / N_TISSUE
+    expected = fresnel(np.cos(np.radians(zenith)), eta)[0]
+    for size in (1.0, 0.01):
+        volume = slab_volume([Layer(1.0, 50.0, 0.0)], surface=surface, planes=[4], size=(size, size))
+        volume = replace(volume, z_edges_mm=np.concatenate([[-0.1], volume.z_edges_mm[1:]]))
+        walked = walk_rounds(PhotonPass(volume, beam(zenith, 20.0, position=(0.0, 0.0)), 9), 20_000)[0]
+        assert_share(walked.tallies[0, tally.SPECULAR], 20_000, expected, 8)
+
+
+def test_zero_relief_walks_the_same_histories_as_none():
+    """A pencil, whose first scatterings are stored with and without relief: the same photons but for rounding."""
+    light, layers = beam(30.0, radius=0.0), [Layer(0.5, 1.0, 10.0, g=0.5)]
+    flat, zero = (slab_volume(layers, planes=[5], surface=s) for s in (None, np.zeros((8, 8), np.float32)))
+    walks = [walk_rounds(PhotonPass(v, light, 10), 300, store=True)[0] for v in (flat, zero)]
+    assert np.array_equal(walks[0].tallies[0, tally.REFLECTED :], walks[1].tallies[0, tally.REFLECTED :])
+    assert np.allclose(walks[0].position, walks[1].position, atol=1e-5)
+
+
+def test_zero_relief_reflects_as_none():
+    layers = [Layer(0.3, 1.0, 20.0), Layer(1.0, 0.2, 10.0)]
+    flat, zero = (slab_volume(layers, planes=[4, 4], surface=s) for s in (None, np.zeros((8, 8), np.float32)))
+    walks = [fractions(walk_rounds(PhotonPass(v, sky(), seed), 4000, 20)) for v, seed in ((flat, 11), (zero, 12))]
+    assert_same_means(*walks)
+
+
+def both_ways(zenith, n, outside=1.0):
+    """Reflectance of a clear plate between equal media, all reflections inside included."""
+    r = fresnel(np.cos(np.radians(zenith)), outside / n)[0]
+    return 2.0 * r / (1.0 + r)
+
+
+@pytest.mark.parametrize("zenith", [0.0, 50.0, 80.0, 89.0])
+def test_clear_plate(zenith):
+    volume = slab_volume([Layer(0.7, 0.0, 0.0, n=1.5)], below=1.0)
+    walked = walk_rounds(PhotonPass(volume, beam(zenith), 13), 20_000)[0].tallies[0]
+    assert walked[tally.TRANSMITTED_UNSCATTERED] + walked[tally.REFLECTED_UNSCATTERED] == 20_000
+    assert_share(walked[tally.REFLECTED_UNSCATTERED], 20_000, both_ways(zenith, 1.5), 4)
+
+
+def test_two_clear_plates_with_an_index_step_between():
+    """Fluxes through three borders, each drawn: closed form of two nested plates at normal incidence."""
+    r = [((a - b) / (a + b)) ** 2 for a, b in ((1.0, 1.6), (1.6, 1.2), (1.2, 1.0))]
+    through = (1.0 - r[1]) * (1.0 - r[2]) / (1.0 - r[1] * r[2])
+    transmitted = (1.0 - r[0]) * through / (1.0 - r[0] * (1.0 - through))
+    volume = slab_volume([Layer(0.3, 0.0, 0.0, n=1.6), Layer(0.4, 0.0, 0.0, n=1.2)], below=1.0, planes=[2, 3])
+    walked = walk_rounds(PhotonPass(volume, beam(), 14), 40_000)[0].tallies[0]
+    assert_share(walked[tally.TRANSMITTED_UNSCATTERED], 40_000, transmitted)
+
+
+@pytest.mark.parametrize("sides, inside", [("open", 0), ("dielectric", 1)])
+def test_a_pencil_leaves_through_an_open_side_and_is_kept_by_total_reflection(sides, inside):
+    """At 60 degrees the refracted flight meets the wall beyond the critical angle, and then the bottom."""
+    volume = slab_volume([Layer(1.0, 0.0, 0.0, n=1.5)], below=1.5, sides=sides)
+    walked = walk_rounds(PhotonPass(volume, beam(60.0, radius=0.0), 15), 5000)[0].tallies[0]
+    entered = 5000 - walked[tally.SPECULAR]
+    assert walked[tally.TRANSMITTED if inside else tally.SIDES] == entered
+
+
+def test_dielectric_side_reflects_by_fresnel():
+    """A steep pencil meets the wall once, at less than the critical angle of a weak step."""
+    volume = slab_volume([Layer(3.0, 0.0, 0.0, n=1.05)], below=1.05, sides="dielectric")
+    zenith = 60.0
+    sin_t = np.sin(np.radians(zenith)) / 1.05
+    expected = fresnel(sin_t, 1.05)[0]
+    walked = walk_rounds(PhotonPass(volume, beam(zenith, radius=0.0, position=(0.9, 0.5)), 16), 40_000)[0].tallies[0]
+    entered = 40_000 - walked[tally.SPECULAR]
+    # what the first wall reflects meets the other one as well before it reaches the bottom
+    assert 0.0 < expected < 0.5
+    assert_share(walked[tally.SIDES], entered, 1.0 - expected**2)

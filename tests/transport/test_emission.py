@@ -1,0 +1,154 @@
+"""Where the lamps' light falls and from which direction, against closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from skinrender.photonmap.light import rectangle_solid_angle
+from skinrender.transport import kernel
+from skinrender.transport.emission import (
+    COLLIMATED, POINT, SKY, emit, light_parameters, spherical_rectangle, tile_position,
+)  # fmt: skip
+from tests.stats import assert_fits
+
+SIZE = (2.0, 1.0)
+
+
+@kernel
+def emitted(light, lx, ly, z_mean, u, out):
+    """Photons of the lamp for given variates (n, 4)."""
+    for i in range(u.shape[0]):
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = emit(
+            light, lx, ly, z_mean, u[i, 0], u[i, 1], u[i, 2], u[i, 3]
+        )
+
+
+def photons(light, n=100_000, size=SIZE, z_mean=0.0, seed=1):
+    """Photons (n, 5) where they pass z = 0, and where they meet the mean plane."""
+    out = np.empty((n, 5))
+    emitted(light, *size, z_mean, np.random.default_rng(seed).random((n, 4)), out)
+    assert np.isfinite(out).all()
+    assert np.allclose((out[:, 2:] ** 2).sum(axis=1), 1.0, atol=1e-9)
+    return out, out[:, :2] + out[:, 2:4] * (z_mean / out[:, 4])[:, None]
+
+
+def counts_on_patch(at, size=SIZE, bins=(21, 11)):
+    counts = np.histogram2d(*at.T, bins=bins, range=[(0.0, size[0]), (0.0, size[1])])[0]
+    assert counts.sum() == len(at)
+    return counts
+
+
+def solid_angle_shares(position, size=SIZE, bins=(21, 11)):
+    """Share of the patch's solid angle in each cell, from the closed form for rectangles."""
+    x, y = (np.linspace(0.0, length, n + 1) for length, n in zip(size, bins))
+    shares = np.array(
+        [
+            [rectangle_solid_angle(position - [a, b, 0.0], (x[1] - x[0], y[1] - y[0])) for b in y[:-1]]
+            for a in x[:-1]
+        ]
+    )
+    return shares / rectangle_solid_angle(position, size)
+
+
+LAMPS = {
+    "far": ((1.0, 0.5, -100.0), SIZE),
+    "near": ((0.3, 0.7, -0.2), SIZE),
+    "aside": ((-3.0, 4.0, -2.0), SIZE),
+    "above an edge": ((0.0, 0.5, -0.5), SIZE),
+    "small patch": ((0.002, 0.02, -100.0), (0.01, 0.01)),
+}
+
+
+@pytest.mark.parametrize("name", LAMPS)
+@pytest.mark.parametrize("z_mean", [0.0, 0.15])
+def test_point_lamp_is_uniform_over_the_solid_angle_of_the_patch(name, z_mean):
+    """On the patch that is a density of cos / distance^2."""
+    position, size = LAMPS[name]
+    out, at = photons(light_parameters(POINT, (*position[:2], position[2] + z_mean)), size=size, z_mean=z_mean)
+    assert_fits(counts_on_patch(at, size).ravel(), solid_angle_shares(np.array(position), size).ravel(), 2 * len(LAMPS))
+    to_patch = np.concatenate([at, np.zeros((len(at), 1))], axis=1) - position
+    assert np.allclose(out[:, 2:], to_patch / np.linalg.norm(to_patch, axis=1)[:, None], atol=1e-9)
+
+
+def test_corners_of_the_square_are_the_corners_of_the_patch():
+    for u in (0.0, 1.0):
+        for v in (0.0, 1.0):
+            assert spherical_rectangle(-0.3, -0.2, 1.7, 0.8, 5.0, u, v) == pytest.approx((-0.3 + 2 * u, -0.2 + v), abs=1e-7)
+
+
+@pytest.mark.parametrize("zenith", [0.0, 50.0, 89.0])
+def test_collimated_light_is_uniform_over_the_patch(zenith):
+    sin, cos = np.sin(np.radians(zenith)), np.cos(np.radians(zenith))
+    direction = (0.6 * sin, -0.8 * sin, cos)
+    out, at = photons(light_parameters(COLLIMATED, direction=direction), z_mean=0.1)
+    assert np.allclose(out[:, 2:], direction)
+    assert_fits(counts_on_patch(at).ravel(), np.full(231, 1 / 231), 3)
+
+
+def test_tilted_disc_is_uniform_across_the_beam():
+    direction, radius = np.array([0.48, 0.64, 0.6]), 0.25
+    out, at = photons(light_parameters(COLLIMATED, (1.0, 0.5, 0.0), direction, radius), z_mean=0.2)
+    from_axis = np.concatenate([at - [1.0, 0.5], np.zeros((len(at), 1))], axis=1)
+    across = from_axis - (from_axis @ direction)[:, None] * direction
+    distance = np.linalg.norm(across, axis=1)
+    assert distance.max() <= radius * (1.0 + 1e-9)
+    first = np.cross(direction, [0.0, 0.0, 1.0])
+    first /= np.linalg.norm(first)
+    angle = np.arctan2(across @ np.cross(direction, first), across @ first)
+    counts = np.histogram2d((distance / radius) ** 2, angle, bins=(11, 15), range=[(0, 1), (-np.pi, np.pi)])[0]
+    assert_fits(counts.ravel(), np.full(165, 1 / 165))
+
+
+def test_pencil_meets_the_mean_plane_in_its_point():
+    _, at = photons(light_parameters(COLLIMATED, (0.7, 0.2, 0.0), (0.6, 0.0, 0.8), 0.0), n=100, z_mean=0.3)
+    assert np.allclose(at, [0.7, 0.2])
+
+
+def test_sky_is_uniform_over_the_patch_and_cosine_distributed():
+    out, at = photons(light_parameters(SKY))
+    assert_fits(counts_on_patch(at).ravel(), np.full(231, 1 / 231), 2)
+    azimuth = np.arctan2(out[:, 3], out[:, 2])
+    counts = np.histogram2d(out[:, 4] ** 2, azimuth, bins=(21, 15), range=[(0, 1), (-np.pi, np.pi)])[0]
+    assert_fits(counts.ravel(), np.full(315, 1 / 315), 2)
+
+
+def test_lamps_of_given_variates():
+    def one(light, *u):
+        return photons_of(light, np.array([u]))[0]
+
+    def photons_of(light, u):
+        out = np.empty((len(u), 5))
+        emitted(light, *SIZE, 0.0, u, out)
+        return out
+
+    assert one(light_parameters(SKY), 0.25, 0.5, 0.36, 0.25) == pytest.approx([0.5, 0.5, 0.0, 0.6, 0.8])
+    disc = light_parameters(COLLIMATED, (1.0, 0.5, 0.0), (0.0, 0.0, 1.0), 0.4)
+    assert one(disc, 0.25, 0.25, 0.9, 0.9) == pytest.approx([1.0, 0.7, 0.0, 0.0, 1.0])
+    overhead = light_parameters(POINT, (1.0, 0.5, -3.0))
+    assert one(overhead, 0.5, 0.5, 0.9, 0.9) == pytest.approx([1.0, 0.5, 0.0, 0.0, 1.0], abs=1e-9)
+
+
+@kernel
+def tiled(count, tiles_x, tiles_y, u, out):
+    for i in range(count):
+        out[i, 0], out[i, 1] = tile_position(i, count, tiles_x, tiles_y, u[i, 0], u[i, 1])
+
+
+@pytest.mark.parametrize("count, tiles", [(7, (3, 2)), (1000, (3, 2)), (60_000, (4, 5)), (999, (1, 1)), (10, (20, 20))])
+def test_histories_are_spread_evenly_in_tiles(count, tiles):
+    at = np.concatenate([one_spread(count, tiles, seed) for seed in range(max(1, 60_000 // count))])
+    assert np.all((at >= 0.0) & (at <= 1.0))
+    assert_fits(np.histogram2d(*at.T, bins=(9, 9), range=[(0, 1), (0, 1)])[0].ravel(), np.full(81, 1 / 81), 5)
+
+
+def one_spread(count, tiles, seed):
+    out = np.empty((count, 2))
+    tiled(count, *tiles, np.random.default_rng(seed).random((count, 2)), out)
+    return out
+
+
+def test_consecutive_histories_share_a_tile():
+    tile = np.floor(one_spread(1200, (3, 2), 1) * [3, 2]).astype(int)
+    number = tile[:, 0] + 3 * tile[:, 1]
+    assert np.array_equal(number, np.repeat(np.arange(6), 200))
