@@ -17,6 +17,8 @@ from skinrender.errors import InputError
 
 LAYERED, FIELD, RADIAL = "layered-slab-truth/1", "slab-field-truth/1", "slab-radial-truth/1"
 SCHEMAS = (LAYERED, FIELD, RADIAL)
+THINNEST_MM = 1e-9
+"""Depths of borders are rounded to 1e-12 mm."""
 _REMEDY = "write a finite number there"
 
 
@@ -214,14 +216,12 @@ def _layer(values: Any, where: str) -> Layer:
         raise InputError(f"is {_told(values)}", where=where, remedy="write an object")
     layer = TruthRecord(values, where)
     described = Layer(
-        layer.number("thickness_mm", low=0.0),
+        layer.number("thickness_mm", low=THINNEST_MM),
         layer.number("mu_a", low=0.0),
         layer.number("mu_s", low=0.0),
         layer.number("g", -1.0, 1.0),
         layer.number("n", low=1.0),
     )
-    if described.thickness_mm == 0.0:
-        raise layer.wrong("thickness_mm", "is 0", "leave the layer out")
     if abs(described.g) == 1.0:
         raise layer.wrong("g", f"is {described.g:g}", "expected a number between -1 and 1")
     return described

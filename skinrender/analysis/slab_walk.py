@@ -6,6 +6,7 @@ import math
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -112,17 +113,16 @@ def parts(stack: Stack, cuts_mm: Sequence[float] = ()) -> list[tuple[int, float,
     """Parts of the layers between cuts: index of the layer, upper and lower depth (mm), top to bottom."""
     borders = stack.depth_mm
     found = []
-    for i, (top, bottom) in enumerate(zip(borders, borders[1:])):
-        inside = sorted({float(z) for z in cuts_mm if top < z < bottom})
-        edges = [top, *inside, bottom]
-        found += [(i, upper, lower) for upper, lower in zip(edges, edges[1:])]
+    for i, (top, bottom) in enumerate(pairwise(borders)):
+        edges = [top, *sorted({float(z) for z in cuts_mm if top < z < bottom}), bottom]
+        found += [(i, upper, lower) for upper, lower in pairwise(edges)]
     return found
 
 
 def _described(stack: Stack, layer: int, top: float, bottom: float) -> dict[str, float]:
-    optics = stack.layers[layer]
+    optics, is_whole = stack.layers[layer], (top, bottom) == stack.depth_mm[layer : layer + 2]
     return {
-        "thickness_mm": bottom - top,
+        "thickness_mm": optics.thickness_mm if is_whole else bottom - top,
         "mu_a_per_mm": optics.mu_a,
         "mu_s_per_mm": optics.mu_s,
         "g": optics.g,

@@ -17,8 +17,9 @@ from tqdm import tqdm
 from skinrender.engine.clock import StageClock
 from skinrender.errors import InputError
 from skinrender.estimate.beam import estimate_beam
-from skinrender.estimate.lattice import make_lattice, slab_edges, visible_depth_mm
+from skinrender.estimate.lattice import RayLattice, make_lattice
 from skinrender.estimate.point import estimate_point, march_edges
+from skinrender.estimate.ray_paths import follow_rays, slab_edges, visible_depth_mm
 from skinrender.estimate.scatter_image import ScatteredLight, batch_stderr
 from skinrender.estimate.single import single_scattering
 from skinrender.estimate.stream import Stream
@@ -32,6 +33,7 @@ from skinrender.photonmap.photon_map import PhotonMap
 from skinrender.skin.volume import SkinVolume
 
 RELIEF_SUBPIXELS = 3
+TRANSMITTANCE_SUBPIXELS = 2
 METHODS = ("beam", "point")
 
 
@@ -106,9 +108,12 @@ def estimate(
     with clock.stage("estimate"):
         light = light_from_scene(scene)
         subpixels = scene.estimate.subpixels or (1 if volume.surface_mm is None else RELIEF_SUBPIXELS)
-        rays = view_rays(scene.camera, volume.size_mm)
         edges = slab_edges(volume) if method == "beam" else march_edges(visible_depth_mm(volume))
-        lattice = make_lattice(rays.origin, rays.direction, volume, edges)
+        rays = view_rays(scene.camera, volume.size_mm)
+        pixels = _lattice(rays, volume, edges)
+        lattice = pixels
+        if volume.surface_mm is not None:
+            lattice = _lattice(view_rays(scene.camera, volume.size_mm, TRANSMITTANCE_SUBPIXELS), volume, edges)
         center = irradiance(light, np.array([0.5 * length for length in volume.size_mm]), volume.size_mm, True)
         exposure = exposure_for(center, volume.wavelength_nm)
         y_weight = y_weights(volume.wavelength_nm, exposure)
@@ -118,16 +123,20 @@ def estimate(
             ThreadPoolExecutor(count) as pool,
             tqdm(total=len(photon_map), unit=" photons", unit_scale=True, disable=hide, desc=method, leave=False) as bar,
         ):
-            stream = Stream(volume, photon_map, lattice, y_weight, pool, count, bar.update)
+            stream = Stream(volume, photon_map, lattice, pixels, y_weight, pool, count, bar.update)
             gather = gather_count or scene.estimate.gather_count
             scattered = (estimate_beam if method == "beam" else estimate_point)(stream, gather)
         view = make_view_path(rays.origin, rays.direction, volume)
         single = single_scattering(view, volume, light)
         surface = _surface(scene, volume, light, subpixels)
-        points = view.entry[:, :2] if lattice.hit.all() else _plane_points(rays)
+        points = view.entry[:, :2] if view.hit.all() else _plane_points(rays)
         falling = irradiance(light, points, volume.size_mm, volume.sides == "periodic")
-        image = _image(lattice.shape, scattered, single, surface, falling, y_weight, exposure, volume, photon_map)
+        image = _image(pixels.shape, scattered, single, surface, falling, y_weight, exposure, volume, photon_map)
     return image, _summary(method, image, scattered, clock)
+
+
+def _lattice(rays: Any, volume: SkinVolume, edges: np.ndarray) -> RayLattice:
+    return make_lattice(follow_rays(rays.origin, rays.direction, volume, edges), rays.origin.shape[:2])
 
 
 def _surface(scene: Any, volume: SkinVolume, light: Any, subpixels: int) -> np.ndarray:

@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from skinrender.estimate.deposit import deposit
+from skinrender.estimate.deposit import deposit, ray_weights
 from skinrender.estimate.kernel_filter import SlabFilter
 from skinrender.estimate.radius import gather_radius_mm, radius_levels
 from skinrender.estimate.scatter_image import ScatteredLight, batches_of
 from skinrender.estimate.stream import Band, Stream
-from skinrender.transport import kernel
 
 
 def estimate_beam(stream: Stream, gather_count: int | None) -> ScatteredLight:
@@ -24,27 +23,31 @@ def estimate_beam(stream: Stream, gather_count: int | None) -> ScatteredLight:
     ----------
     gather_count : photons that a beam should meet, on average; None: as wide as the tissue allows.
     """
-    lattice, volume = stream.lattice, stream.volume
-    h, w = lattice.shape
+    rays, volume, (h, w) = stream.lattice.rays, stream.volume, stream.shape
+    spacing = stream.lattice.spacing_mm * stream.subpixels
     depths, photons_per_sample = stream.sampled_depths()
-    visible = int(np.sum(depths < lattice.depth_edges_mm[-1]) * photons_per_sample)
+    visible = int(np.sum(depths < rays.depth_edges_mm[-1]) * photons_per_sample)
     radius = gather_radius_mm(gather_count, visible, volume.size_mm)
-    level, radii = radius_levels(volume, lattice.entry[:, :2], lattice.shape, lattice.spacing_mm, radius)
-    slab_filter = SlabFilter(level, radii, lattice.hit.reshape(h, w).astype(np.float32), stream.covers_patch)
+    entry = stream.pixel_mean(rays.entry.T)[:2].T
+    level, radii = radius_levels(volume, entry, stream.shape, spacing, radius)
+    inside = stream.pixel_mean(rays.hit.astype(np.float32)).reshape(h, w)
+    slab_filter = SlabFilter(level, radii, inside, stream.covers_patch)
 
     def filtered(images: np.ndarray) -> np.ndarray:
         return np.array([slab_filter(image.reshape(h, w)) for image in images])
 
     batches = batches_of(stream.photon_map.rounds)
     radiance = np.zeros((h, w, stream.photon_map.bands), np.float32)
-    y_image = np.zeros((len(batches), lattice.slabs, h * w), np.float32)
+    y_image = np.zeros((len(batches), rays.slabs, h * w), np.float32)
     totals = np.zeros(len(batches))
     seen = 0
     for band in stream.bands():
-        factor = slab_factor(
-            band.tau[: band.slabs + 1], band.outside_power, lattice.region, lattice.descent, lattice.bin_area
-        )
-        add = _depositor(stream, band, factor, y_image, totals)
+        visible = slice(0, band.slabs + 1)
+        drop, ray_weight, factor = ray_weights(
+            band.tau[visible], band.pixel_depth[visible], band.outside_power, rays.region, rays.descent,
+            stream.lattice.bin_area, stream.pixel_of,
+        )  # fmt: skip
+        add = _depositor(stream, band, drop, ray_weight, factor, y_image, totals)
         image, count = band.over_batches(batches, add, (band.slabs, h * w))
         seen += count
         slabs = np.array_split(image, stream.threads)
@@ -57,33 +60,16 @@ def estimate_beam(stream: Stream, gather_count: int | None) -> ScatteredLight:
     return ScatteredLight(radiance, batch_y, totals * scale / (h * w), rounds, seen * met / (h * w))
 
 
-@kernel
-def slab_factor(tau, outside_power, region, descent, bin_area):
-    """What an entry of a slab image adds to the radiance outside, (S, Q) f4: transmittance to mid-slab included.
-
-    tau (S + 1, Q): optical depth at the slab edges; outside_power (R, Q): power of a photon times the factor from
-    radiance inside to outside; region (S,), descent (S, Q) and bin_area (S,) of the lattice.
-    """
-    slabs, count = tau.shape[0] - 1, tau.shape[1]
-    factor = np.empty((slabs, count), np.float32)
-    for s in range(slabs):
-        power = outside_power[region[s]]
-        for q in range(count):
-            passed = np.exp(np.float32(-0.5) * (tau[s, q] + tau[s + 1, q]))
-            factor[s, q] = passed * power[q] / (descent[s, q] * bin_area[s])
-    return factor
-
-
-def _depositor(stream: Stream, band: Band, factor: np.ndarray, y_image: np.ndarray, totals: np.ndarray):
+def _depositor(stream: Stream, band: Band, drop, ray_weight, factor, y_image: np.ndarray, totals: np.ndarray):
     """The function that deposits one round of a band."""
-    lattice = stream.lattice
+    lattice, rays = stream.lattice, stream.lattice.rays
     palette, g = band.anisotropy
     y_weight = np.float32(stream.y_weight[band.index])
 
     def add(index: int, batch: int, image: np.ndarray) -> int:
         count, total = deposit(
-            *band.photons(index), lattice.depth_edges_mm[: band.slabs + 1], lattice.region, lattice.to_lattice, lattice.bounds,
-            lattice.bin_start, lattice.rays, lattice.direction, band.tau, *lattice.shape, palette,
+            *band.photons(index), rays.depth_edges_mm[: band.slabs + 1], rays.region, lattice.to_lattice, lattice.bounds,
+            lattice.bin_start, lattice.ray_of, rays.direction, drop, ray_weight, stream.pixel_of, *lattice.shape, palette,
             stream.volume.z_edges_mm, g, factor, y_weight, image, y_image[batch],
         )  # fmt: skip
         totals[batch] += total

@@ -66,9 +66,43 @@ def image_range(x, length, low, high):
 
 
 @kernel
+def ray_weights(tau, pixel_depth, outside_power, region, descent, bin_area, pixel_of):
+    """What a photon's connection to a ray is worth, in two factors.
+
+    The filter must not blur the transmittance, so the pixel's own, to mid-slab, is kept apart from what it filters.
+
+    Parameters
+    ----------
+    tau : (S + 1, Q) optical depth of the rays at the slab edges; pixel_depth (S + 1, pixels): of the pixels.
+    outside_power : (R, Q) power of a photon times the factor from radiance inside to radiance outside.
+    region (S,), descent (S, Q), bin_area (S,) : of the rays and their bins; pixel_of (Q,) : pixel of each ray.
+
+    Returns
+    -------
+    drop : (S, Q) f4 optical depth across the slab along the ray.
+    ray_weight : (S, Q) f4, before the filter: the ray's transmittance relative to its pixel's, power and bin area.
+    factor : (S, pixels) f4, after it: the pixel's transmittance to mid-slab.
+    """
+    slabs, count, pixels = tau.shape[0] - 1, tau.shape[1], pixel_depth.shape[1]
+    drop, ray_weight = np.empty((slabs, count), np.float32), np.empty((slabs, count), np.float32)
+    factor = np.empty((slabs, pixels), np.float32)
+    half = np.float32(0.5)
+    for s in range(slabs):
+        for p in range(pixels):
+            factor[s, p] = np.exp(-half * (pixel_depth[s, p] + pixel_depth[s + 1, p]))
+        share = pixels / (count * bin_area[s])
+        for q in range(count):
+            p = pixel_of[q]
+            drop[s, q] = tau[s + 1, q] - tau[s, q]
+            middle = half * (pixel_depth[s, p] + pixel_depth[s + 1, p] - tau[s, q] - tau[s + 1, q])
+            ray_weight[s, q] = np.exp(middle) * outside_power[region[s], q] * share / descent[s, q]
+    return drop, ray_weight, factor
+
+
+@kernel
 def deposit(
     position, direction, first, last, keep, z_top, lx, ly, periodic, relief, edges, region, to_lattice, bounds, start,
-    rays, ray_direction, tau, h, w, palette_index, z_edges, g, factor, y_weight, image, y_image,
+    rays, ray_direction, drop, ray_weight, pixel_of, h, w, palette_index, z_edges, g, factor, y_weight, image, y_image,
 ):
     """Adds the photons first..last-1 of one band to the slab images.
 
@@ -77,18 +111,17 @@ def deposit(
     position (N, 3), direction (N, 2) : the map's.
     keep : (1 + D,) bins per mm and keep probabilities of the band, or None: all weights are 1.
     relief : (hx, hy) float64 control points or None.
-    edges, region, to_lattice, bounds, start, rays, ray_direction : of the `RayLattice`.
-    tau : (S + 1, Q) optical depth of the view rays at the slab edges, in the band.
+    edges, region, to_lattice, bounds, start, rays, ray_direction : of the `RayLattice` and its rays.
+    drop, ray_weight, factor : of `ray_weights`; pixel_of (Q,): pixel of each ray.
     palette_index, z_edges : the voxels, or None when g is the same everywhere.
     g : (P,) anisotropy in the band.
-    factor : (S, Q) f4 what an entry of the slab image adds to the radiance outside.
-    y_weight : luminance of that radiance.
-    image : (S, Q) f4, added to: phase function x transmittance from the photon's depth to mid-slab.
-    y_image : (S, Q) f4, the same times `factor` and `y_weight`: the batch's luminance, for the standard error.
+    y_weight : luminance of one W mm^-2 sr^-1.
+    image : (S, pixels) f4, added to: radiance outside but for `factor`.
+    y_image : (S, pixels) f4, the same times `factor` and `y_weight`: the batch's luminance, for the standard error.
 
     Returns
     -------
-    (contributions, radiance added, summed over the rays).
+    (contributions, radiance added, summed over the pixels).
     """
     contributions, total = 0, 0.0
     deepest = edges[edges.size - 1]
@@ -126,11 +159,12 @@ def deposit(
                     q = rays[slab, k]
                     wx, wy, wz = ray_direction[region[slab], q]
                     phase = phase_hg(-(ux * wx + uy * wy + uz * wz), anisotropy)
-                    passed = math.exp((0.5 - along) * (tau[slab + 1, q] - tau[slab, q]))
-                    value = np.float32(weight * phase * passed)
-                    image[slab, q] += value
-                    shown = value * factor[slab, q]
-                    y_image[slab, q] += shown * y_weight
+                    passed = math.exp((0.5 - along) * drop[slab, q])
+                    value = np.float32(weight * phase * passed) * ray_weight[slab, q]
+                    pixel = pixel_of[q]
+                    image[slab, pixel] += value
+                    shown = value * factor[slab, pixel]
+                    y_image[slab, pixel] += shown * y_weight
                     total += shown
                     contributions += 1
     return contributions, total

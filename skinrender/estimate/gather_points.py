@@ -13,6 +13,7 @@ import math
 import numpy as np
 
 from skinrender.estimate.deposit import image_range, slab_of, unpack_direction, voxel_of
+from skinrender.estimate.lattice import bin_of
 from skinrender.transport import kernel
 from skinrender.transport.height_field import height
 from skinrender.transport.phase import phase_hg
@@ -29,14 +30,33 @@ def depth_share(edges: np.ndarray, radius: np.ndarray, depth: np.ndarray) -> np.
 
 
 @kernel
+def transmittance_share(fine, tau, pixel_of, pixel_depth, slab, along, x, y):
+    """Transmittance at a photon's own place relative to its pixel's mean; 1 where no ray passes near.
+
+    fine = (to_lattice, start, ray_of, h, w) of the lattice of several rays a pixel; tau (S + 1, Q) of its rays,
+    pixel_depth (S + 1, pixels) of the pixels.
+    """
+    to_lattice, start, ray_of, h, w = fine
+    cell = bin_of(to_lattice[slab], x, y, h, w)
+    if cell < 0 or start[slab, cell] == start[slab, cell + 1]:
+        return 1.0
+    q = ray_of[slab, start[slab, cell]]
+    p = pixel_of[q]
+    above, below = pixel_depth[slab, p] - tau[slab, q], pixel_depth[slab + 1, p] - tau[slab + 1, q]
+    return math.exp((1.0 - along) * above + along * below)
+
+
+@kernel
 def gather_points(
-    position, direction, first, last, keep, z_top, lx, ly, periodic, relief, edges, radius, share, region, to_lattice,
-    bounds, start, rays, points, ray_direction, tau, h, w, palette_index, z_edges, g, factor, y_weight, image, y_image,
+    position, direction, first, last, keep, z_top, lx, ly, periodic, relief, edges, radius, share, fine, fine_tau,
+    pixel_of, region, to_lattice, bounds, start, rays, points, ray_direction, tau, h, w, palette_index, z_edges, g,
+    factor, y_weight, image, y_image,
 ):
     """Adds the photons first..last-1 of one band to all sample points whose sphere holds them.
 
-    radius (S,): of the spheres of each step; share: `depth_share` at equidistant depths from 0 to the last edge;
-    points (S, Q, 2); factor (S, Q): march step / sphere volume x power, what a unit of transmitted phase function adds to
+    radius (S,): of the spheres of each step; share: `depth_share` at equidistant depths from 0 to the last edge; fine,
+    fine_tau, pixel_of: of `transmittance_share`, fine None where the surface is flat; points (S, Q, 2); tau (S + 1, Q)
+    of the pixels; factor (S, Q): march step / sphere volume x power, what a unit of transmitted phase function adds to
     the radiance outside. Else as `deposit.deposit`; image (Q,).
     """
     contributions, total = 0, 0.0
@@ -62,6 +82,8 @@ def gather_points(
         ux, uy, uz = unpack_direction(direction[i, 0], direction[i, 1])
         own = slab_of(edges, depth)
         along = (depth - edges[own]) / (edges[own + 1] - edges[own])
+        if fine is not None:
+            weight *= transmittance_share(fine, fine_tau, pixel_of, tau, own, along, x, y)
         s = slab_of(edges, max(0.0, depth - widest))
         while 0 <= s < slabs and edges[s] <= depth + widest:
             below = 0.5 * (edges[s] + edges[s + 1]) - depth

@@ -1,9 +1,8 @@
-"""The lattice of view rays inside the skin: where each passes each depth slab, and which rays pass near a photon.
+"""The lattice of view rays in the skin: which rays pass near a photon.
 
-Depth D is measured below the surface straight above, so a slab follows the relief as the tissue does. In each slab the
-rays' points form a bent copy of the pixel lattice. A regular lattice of bins, fitted to them, tells for a photon which
-rays pass through its bin: one as a rule, several where refraction focuses, none where it spreads. That makes the
-connection of a photon to the camera a table look-up, for any camera and relief.
+In each depth slab the rays' points form a bent copy of the pixel lattice. A regular lattice of bins, fitted to them,
+tells for a photon which rays pass through its bin: one as a rule, several where refraction focuses, none where it
+spreads. That makes the connection of a photon to the camera a table look-up, for any camera and relief.
 """
 
 from __future__ import annotations
@@ -12,60 +11,31 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skinrender.estimate.view_path import geometry_band, make_view_path, relief_arrays
-from skinrender.skin.regions import regions_of
-from skinrender.skin.volume import SkinVolume
+from skinrender.estimate.ray_paths import RayPaths
 from skinrender.transport import kernel
-from skinrender.transport.fresnel import fresnel, refract
-from skinrender.transport.height_field import height_and_gradient
-
-VISIBLE_DEPTH = 8.0
-"""Optical depth that is looked at: 7.5 hold all but 0.04 % of the light, 8 all but 0.02 %."""
-LEAST_DESCENT = 0.2
-"""Smallest |dD/ds| of a ray that is weighted exactly; a ray that runs along a furrow's wall is given this one."""
 
 
 @dataclass(frozen=True, eq=False)
 class RayLattice:
-    """Q rays (h x w, row by row) and S depth slabs; lengths in mm.
+    """The rays of the pixels' centers, row by row, sorted into bins; S slabs, lengths in mm.
 
     Parameters
     ----------
-    shape : (h, w) of the lattice, subpixels included.
-    depth_edges_mm : (S + 1,) depths below the surface.
-    hit : (Q,) bool, rays that meet the skin.
-    point : (S, Q, 2) x and y where the ray passes the middle of the slab, not wrapped.
-    path_edges : (S + 1, Q) path length inside at which the ray reaches the slab's edges.
-    descent : (S, Q) f4, dD/ds of the ray in the slab.
-    region : (S,) region of each slab.
-    direction : (R, Q, 3) f4 direction of the ray in each region.
-    transmission : (R, Q, B) factor from radiance in the region to radiance outside.
+    shape : (h, w).
+    rays : the Q = h w rays.
     to_lattice : (S, 2, 3) affine map from (x, y) to fractional (row, column) of the slab's bins.
     bin_area : (S,) mm2.
-    bin_start : (S, h w + 1), rays : (S, Q) rays of each bin.
+    bin_start : (S, h w + 1), ray_of : (S, Q) rays of each bin.
     bounds : (S, 4) lowest and highest x and y of the slab's bins, for the periodic images of a photon.
     """
 
     shape: tuple[int, int]
-    depth_edges_mm: np.ndarray
-    hit: np.ndarray
-    point: np.ndarray
-    path_edges: np.ndarray
-    descent: np.ndarray
-    region: np.ndarray
-    entry: np.ndarray
-    normal: np.ndarray
-    direction: np.ndarray
-    transmission: np.ndarray
+    rays: RayPaths
     to_lattice: np.ndarray
     bin_area: np.ndarray
     bin_start: np.ndarray
-    rays: np.ndarray
+    ray_of: np.ndarray
     bounds: np.ndarray
-
-    @property
-    def slabs(self) -> int:
-        return len(self.depth_edges_mm) - 1
 
     @property
     def spacing_mm(self) -> float:
@@ -73,133 +43,12 @@ class RayLattice:
         return float(np.sqrt(self.bin_area[0]))
 
 
-def visible_depth_mm(volume: SkinVolume) -> float:
-    """Depth at which the clearest band of the clearest column is `VISIBLE_DEPTH` optical depths away."""
-    mu_t = volume.mu_a + volume.mu_s
-    tissue = volume.palette_layer > 0
-    z = volume.z_edges_mm
-    depth, reached = np.zeros(mu_t.shape[1]), 0.0
-    for k in range(len(z) - 1):
-        held = np.unique(volume.palette_index[:, :, k])
-        held = held[tissue[held]]
-        if z[k + 1] <= 0 or held.size == 0:
-            continue
-        top = max(z[k], 0.0)
-        clearest = mu_t[held].min(axis=0)
-        thickness = z[k + 1] - top
-        if np.all(depth + clearest * thickness >= VISIBLE_DEPTH):
-            remaining = (VISIBLE_DEPTH - depth) / np.maximum(clearest, 1e-30)
-            return float(top + remaining.max())
-        depth += clearest * thickness
-        reached = z[k + 1]
-    return float(reached)
-
-
-def slab_edges(volume: SkinVolume, thickest: float = 0.3) -> np.ndarray:
-    """Edges of the depth slabs: the layers' borders, cut finer near the surface, down to the visible depth.
-
-    Within a slab a ray's optical depth is interpolated linearly, which is exact between borders; thin slabs keep the
-    change of tissue across a wavy border and the tilt of the ray within a bin.
-    """
-    deepest = visible_depth_mm(volume)
-    borders = volume.border_z_mm
-    edges = [0.0]
-    stops = [*borders[(borders > 1e-9) & (borders < deepest)], deepest]
-    for stop in stops:
-        while edges[-1] < stop * (1 - 1e-9):
-            step = max(0.04 * deepest, thickest * edges[-1])
-            parts = max(1, int(np.ceil((stop - edges[-1]) / step)))
-            edges.append(edges[-1] + (stop - edges[-1]) / parts)
-        edges[-1] = stop
-    return np.array(edges)
-
-
-def make_lattice(origin: np.ndarray, direction: np.ndarray, volume: SkinVolume, edges: np.ndarray) -> RayLattice:
-    """Follow the view rays (h, w, 3) through the slabs given by their edges."""
-    shape = origin.shape[:2]
-    path = make_view_path(origin, direction, volume)
-    regions = regions_of(volume)
-    region = np.searchsorted(regions.border_z_mm[1:-1], 0.5 * (edges[1:] + edges[:-1]), side="right")
-    directions, transmission = _through_regions(path, regions.index, geometry_band(volume.wavelength_nm))
-    lx, ly = volume.size_mm
-    relief = None if volume.surface_mm is None else relief_arrays(volume.surface_mm)[0]
-    path_edges, point, descent = _depths(path.entry, directions, path.hit, edges, region, relief, lx, ly)
-    maps = np.array([_fit_bins(point[s], path.hit, shape) for s in range(len(region))])
+def make_lattice(rays: RayPaths, shape: tuple[int, int]) -> RayLattice:
+    """Sort the rays of an (h, w) picture into bins."""
+    maps = np.array([_fit_bins(points, rays.hit, shape) for points in rays.point])
+    start, order = _sort_rays(rays.point, rays.hit, maps, *shape)
     area = 1.0 / np.abs(np.linalg.det(maps[:, :, :2]))
-    start, rays = _sort_rays(point, path.hit, maps, shape[0], shape[1])
-    bounds = np.array([_bin_bounds(m, shape) for m in maps])
-    return RayLattice(
-        shape, edges, path.hit, point, path_edges, np.maximum(descent, LEAST_DESCENT).astype(np.float32), region,
-        path.entry, path.normal, directions.astype(np.float32), transmission, maps, area, start, rays, bounds,
-    )  # fmt: skip
-
-
-def _through_regions(path, index: np.ndarray, band: int) -> tuple[np.ndarray, np.ndarray]:
-    """Directions (R, Q, 3) and transmissions (R, Q, B) through flat inner borders below the surface."""
-    regions = len(index) - 2
-    directions, factors = [path.direction], [path.transmission]
-    for r in range(1, regions):
-        eta = np.ascontiguousarray(index[r] / index[r + 1])
-        direction, factor = refract_flat(directions[-1], path.hit, eta, band)
-        directions.append(direction)
-        factors.append(factors[-1] * factor)
-    return np.array(directions), np.array(factors)
-
-
-@kernel
-def refract_flat(direction, hit, eta, band):
-    """Directions (Q, 3) below a level border and the factors (1 - F) eta^2 (Q, B); eta = n_above / n_below."""
-    below, factor = np.zeros_like(direction), np.zeros((direction.shape[0], eta.size))
-    for q in range(direction.shape[0]):
-        if hit[q]:
-            ux, uy, uz = direction[q]
-            for b in range(eta.size):
-                factor[q, b] = (1.0 - fresnel(uz, eta[b])[0]) * eta[b] * eta[b]
-            cos_t = fresnel(uz, eta[band])[1]
-            below[q, 0], below[q, 1], below[q, 2] = refract(ux, uy, uz, 0.0, 0.0, 1.0, eta[band], uz, cos_t)
-    return below, factor
-
-
-@kernel
-def _depths(entry, direction, hit, edges, region, relief, lx, ly):
-    """Path lengths to the edges (S + 1, Q), points in mid-slab (S, Q, 2) and dD/ds there (S, Q)."""
-    slabs, count = edges.size - 1, entry.shape[0]
-    path_edges = np.zeros((slabs + 1, count))
-    point = np.zeros((slabs, count, 2))
-    descent = np.ones((slabs, count))
-    for q in range(count):
-        if not hit[q]:
-            continue
-        x, y, z = entry[q]
-        length = 0.0
-        for s in range(slabs):
-            ux, uy, uz = direction[region[s], q]
-            for half in range(2):
-                depth = edges[s + 1] if half else 0.5 * (edges[s] + edges[s + 1])
-                step, slope = _reach(x, y, z, ux, uy, uz, depth, relief, lx, ly)
-                if not half:
-                    point[s, q, 0], point[s, q, 1] = x + step * ux, y + step * uy
-                    descent[s, q] = slope
-            x, y, z = x + step * ux, y + step * uy, z + step * uz
-            length += step
-            path_edges[s + 1, q] = length
-    return path_edges, point, descent
-
-
-@kernel
-def _reach(x, y, z, ux, uy, uz, depth, relief, lx, ly):
-    """Path length from (x, y, z) to the first depth D = `depth`, and dD/ds there (Newton steps, never backwards)."""
-    if relief is None:
-        return max(0.0, (depth - z) / uz), uz
-    step, slope = 0.0, uz
-    for _ in range(8):
-        h, hx, hy = height_and_gradient(relief, lx, ly, x + step * ux, y + step * uy)
-        slope = uz - ux * hx - uy * hy
-        missing = depth - (z + step * uz - h)
-        if abs(missing) < 1e-7:
-            break
-        step = max(0.0, step + missing / max(slope, LEAST_DESCENT))
-    return step, slope
+    return RayLattice(shape, rays, maps, area, start, order, np.array([_bin_bounds(m, shape) for m in maps]))
 
 
 def _fit_bins(point: np.ndarray, hit: np.ndarray, shape: tuple[int, int]) -> np.ndarray:

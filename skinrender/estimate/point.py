@@ -29,7 +29,7 @@ def march_edges(deepest_mm: float) -> np.ndarray:
 
 def sphere_radii_mm(stream: Stream, gather_count: int | None) -> np.ndarray:
     """Radius at each march step, (S,), at which a sphere holds `gather_count` photons; between a bin and `WIDEST_MM`."""
-    edges = stream.lattice.depth_edges_mm
+    edges = stream.lattice.rays.depth_edges_mm
     depths, photons_per_sample = stream.sampled_depths()
     count = np.histogram(depths, edges)[0] * photons_per_sample
     lx, ly = stream.volume.size_mm
@@ -37,7 +37,7 @@ def sphere_radii_mm(stream: Stream, gather_count: int | None) -> np.ndarray:
     radius = np.full(len(density), WIDEST_MM)
     if gather_count is not None:
         radius = np.cbrt(3.0 * gather_count / (4.0 * np.pi * density))
-    return np.clip(radius, stream.lattice.spacing_mm / 2, WIDEST_MM)
+    return np.clip(radius, stream.pixel_lattice.spacing_mm / 2, WIDEST_MM)
 
 
 def estimate_point(stream: Stream, gather_count: int | None) -> ScatteredLight:
@@ -47,8 +47,7 @@ def estimate_point(stream: Stream, gather_count: int | None) -> ScatteredLight:
     ----------
     gather_count : photons that a sample point's sphere should hold, on average; None: the widest spheres.
     """
-    lattice = stream.lattice
-    h, w = lattice.shape
+    h, w = stream.shape
     radius = sphere_radii_mm(stream, gather_count)
     batches = batches_of(stream.photon_map.rounds)
     radiance = np.zeros((h, w, stream.photon_map.bands), np.float32)
@@ -63,24 +62,28 @@ def estimate_point(stream: Stream, gather_count: int | None) -> ScatteredLight:
     rounds = np.array([len(batch) for batch in batches])
     scale = stream.photon_map.rounds / rounds
     batch_y = y_image.reshape(-1, h, w) * scale[:, None, None]
-    return ScatteredLight(radiance, batch_y, totals * scale / (h * w), rounds, seen / (h * w * lattice.slabs))
+    return ScatteredLight(radiance, batch_y, totals * scale / (h * w), rounds, seen / (h * w * stream.lattice.rays.slabs))
 
 
 def _gatherer(stream: Stream, band: Band, radius: np.ndarray, y_image: np.ndarray, totals: np.ndarray):
     """The function that gathers one round of a band."""
-    lattice = stream.lattice
-    edges = lattice.depth_edges_mm
+    lattice, rays = stream.pixel_lattice, stream.pixel_lattice.rays
+    edges = rays.depth_edges_mm
     step = (np.diff(edges) / (4.0 / 3.0 * np.pi * radius**3))[:, None]
-    factor = (band.outside_power[lattice.region] / lattice.descent * step).astype(np.float32)
+    power = stream.pixel_mean(band.outside_power)[rays.region]
+    factor = (power / rays.descent * step).astype(np.float32)
     share = depth_share(edges, radius, np.linspace(0.0, edges[-1], _SHARE_DEPTHS))
+    finer = stream.lattice
+    fine = None if stream.subpixels == 1 else (finer.to_lattice, finer.bin_start, finer.ray_of, *finer.shape)
     palette, g = band.anisotropy
     y_weight = np.float32(stream.y_weight[band.index])
 
     def add(index: int, batch: int, image: np.ndarray) -> int:
         count, total = gather_points(
-            *band.photons(index), edges, radius, share, lattice.region, lattice.to_lattice, lattice.bounds, lattice.bin_start,
-            lattice.rays, lattice.point, lattice.direction, band.tau, *lattice.shape, palette, stream.volume.z_edges_mm, g,
-            factor, y_weight, image, y_image[batch],
+            *band.photons(index), edges, radius, share, fine, band.tau, stream.pixel_of, rays.region,
+            lattice.to_lattice, lattice.bounds, lattice.bin_start, lattice.ray_of, rays.point, rays.direction,
+            band.pixel_depth, *lattice.shape, palette, stream.volume.z_edges_mm, g, factor, y_weight, image,
+            y_image[batch],
         )  # fmt: skip
         totals[batch] += total
         return count

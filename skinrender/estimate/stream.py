@@ -9,7 +9,8 @@ from functools import cached_property
 
 import numpy as np
 
-from skinrender.estimate.lattice import VISIBLE_DEPTH, RayLattice
+from skinrender.estimate.lattice import RayLattice
+from skinrender.estimate.ray_paths import VISIBLE_DEPTH
 from skinrender.estimate.transmittance import allocate, view_optical_depth
 from skinrender.estimate.view_path import relief_arrays
 from skinrender.photonmap.photon_map import PhotonMap
@@ -26,6 +27,9 @@ class Stream:
 
     Parameters
     ----------
+    lattice : k x k rays a pixel, to which photons are connected: one where the surface is flat. On a relief the tissue is
+        of uneven thickness within a voxel, and the light inside follows it: one ray a pixel would be 5 % off.
+    pixel_lattice : one ray a pixel; the same where the surface is flat.
     y_weight : (B,) luminance of one W mm^-2 sr^-1 in each band.
     pool : threads; the kernels release the interpreter lock.
     threads : their number.
@@ -35,6 +39,7 @@ class Stream:
     volume: SkinVolume
     photon_map: PhotonMap
     lattice: RayLattice
+    pixel_lattice: RayLattice
     y_weight: np.ndarray
     pool: ThreadPoolExecutor
     threads: int
@@ -43,7 +48,7 @@ class Stream:
     def bands(self) -> Iterator[Band]:
         """Each band with its optical depths along the rays, computed some bands at a time."""
         count = self.photon_map.bands
-        at_once = max(1, _DEPTHS_AT_ONCE // self.lattice.path_edges.size)
+        at_once = max(1, _DEPTHS_AT_ONCE // self.lattice.rays.path_edges.size)
         for first in range(0, count, at_once):
             chosen = np.arange(first, min(first + at_once, count))
             for band, tau in zip(chosen, self._optical_depths(chosen)):
@@ -72,20 +77,44 @@ class Stream:
         part = self.photon_map.band_slice(index, int(band))
         return part.stop - part.start
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(h, w) of the picture."""
+        return self.pixel_lattice.shape
+
+    @property
+    def subpixels(self) -> int:
+        """Rays along each side of a pixel."""
+        return self.lattice.shape[0] // self.shape[0]
+
+    @cached_property
+    def pixel_of(self) -> np.ndarray:
+        """Pixel of each ray, (Q,) int32."""
+        h, w = self.shape
+        k = self.subpixels
+        return np.repeat(np.repeat(np.arange(h * w, dtype=np.int32).reshape(h, w), k, axis=0), k, axis=1).ravel()
+
+    def pixel_mean(self, values: np.ndarray) -> np.ndarray:
+        """Mean over the rays of each pixel, (..., Q) to (..., h w)."""
+        h, w = self.shape
+        k = self.subpixels
+        lead = values.shape[:-1]
+        return values.reshape(*lead, h, k, w, k).mean(axis=(-3, -1)).reshape(*lead, h * w)
+
     def _optical_depths(self, bands: np.ndarray) -> np.ndarray:
         """Optical depth of every ray at the slab edges, (bands, S + 1, Q) f4."""
-        volume, lattice = self.volume, self.lattice
-        depth = allocate(lattice, len(bands))
+        volume, rays = self.volume, self.lattice.rays
+        depth = allocate(rays, len(bands))
         mu_t = np.ascontiguousarray((volume.mu_a + volume.mu_s)[:, bands])
-        bounds = np.linspace(0, len(lattice.hit), 2 * self.threads + 1).astype(int)
+        bounds = np.linspace(0, len(rays.hit), 2 * self.threads + 1).astype(int)
 
-        def rays(k: int) -> None:
+        def follow(k: int) -> None:
             view_optical_depth(
-                volume.palette_index, volume.z_edges_mm, *volume.size_mm, mu_t, lattice.entry, lattice.direction,
-                lattice.region, lattice.path_edges, lattice.hit, 3 * VISIBLE_DEPTH, bounds[k], bounds[k + 1], depth,
+                volume.palette_index, volume.z_edges_mm, *volume.size_mm, mu_t, rays.entry, rays.direction, rays.region,
+                rays.path_edges, rays.hit, 3 * VISIBLE_DEPTH, bounds[k], bounds[k + 1], depth,
             )  # fmt: skip
 
-        list(self.pool.map(rays, range(len(bounds) - 1)))
+        list(self.pool.map(follow, range(len(bounds) - 1)))
         return depth
 
 
@@ -123,15 +152,22 @@ class Band:
     @cached_property
     def slabs(self) -> int:
         """Slabs within the visible depth of this band; light from below them is less than 0.02 %."""
-        clearest = self.tau[:, self.stream.lattice.hit].min(axis=1, initial=np.inf)
+        clearest = self.tau[:, self.stream.lattice.rays.hit].min(axis=1, initial=np.inf)
         return max(1, int(np.searchsorted(clearest[:-1], VISIBLE_DEPTH)))
 
     @cached_property
     def outside_power(self) -> np.ndarray:
         """Power of a photon times the factor from radiance inside a region to radiance outside, (R, Q)."""
-        lattice = self.stream.lattice
-        outside = lattice.transmission[:, :, self.index] * self.stream.photon_map.power_per_band[self.index]
-        return np.where(lattice.hit, outside, 0.0)
+        rays = self.stream.lattice.rays
+        outside = rays.transmission[:, :, self.index] * self.stream.photon_map.power_per_band[self.index]
+        return np.where(rays.hit, outside, 0.0)
+
+    @cached_property
+    def pixel_depth(self) -> np.ndarray:
+        """Optical depth at the slab edges that gives each pixel's mean transmittance, (S + 1, h w) f4."""
+        if self.stream.subpixels == 1:
+            return self.tau
+        return -np.log(np.maximum(self.stream.pixel_mean(np.exp(-self.tau)), np.float32(1e-30)))
 
     def photons(self, index: int) -> tuple:
         """Photons of one round as the kernels take them: position, direction, first, last, roulette, geometry."""

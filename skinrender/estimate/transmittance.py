@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from skinrender.estimate.lattice import RayLattice
+from skinrender.estimate.ray_paths import RayPaths
 from skinrender.transport import kernel
 from skinrender.transport.optical_depth import add_optical_depth
 
@@ -36,6 +36,6 @@ def view_optical_depth(
                 depth[b, s + 1, q] = tau[b]
 
 
-def allocate(lattice: RayLattice, bands: int) -> np.ndarray:
+def allocate(rays: RayPaths, bands: int) -> np.ndarray:
     """Room for the optical depths of some bands, (bands, S + 1, Q) f4."""
-    return np.zeros((bands, lattice.slabs + 1, len(lattice.hit)), dtype=np.float32)
+    return np.zeros((bands, rays.slabs + 1, len(rays.hit)), dtype=np.float32)

@@ -115,12 +115,7 @@ def test_sky_is_uniform_over_the_patch_and_cosine_distributed():
 
 def test_lamps_of_given_variates():
     def one(light, *u):
-        return photons_of(light, np.array([u]))[0]
-
-    def photons_of(light, u):
-        out = np.empty((len(u), 5))
-        emitted(light, *SIZE, 0.0, u, out)
-        return out
+        return emit(light, *SIZE, 0.0, *u)
 
     assert one(light_parameters(SKY), 0.25, 0.5, 0.36, 0.25) == pytest.approx([0.5, 0.5, 0.0, 0.6, 0.8])
     disc = light_parameters(COLLIMATED, (1.0, 0.5, 0.0), (0.0, 0.0, 1.0), 0.4)
