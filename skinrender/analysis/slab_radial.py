@@ -12,14 +12,20 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from skinrender.analysis.slab_fields import PILOT_HISTORIES, ROUNDS, Means
 from skinrender.analysis.slab_stats import Result, events, fraction
 from skinrender.analysis.slab_truth import SlabRecord
-from skinrender.analysis.slab_walk import Accuracy, MOST_EVENTS, RecordCheck, parts, record_seed, stack_scene
-from skinrender.engine.ledger import check_counts
-from skinrender.photonmap.light import light_from_scene
-from skinrender.photonmap.photon_pass import PhotonPass
-from skinrender.skin.builder import build_volume
+from skinrender.analysis.slab_walk import (
+    MOST_EVENTS,
+    ROUNDS,
+    Accuracy,
+    Means,
+    RecordCheck,
+    parts,
+    record_seed,
+    scatterings_per_history,
+    stack_scene,
+    walked_rounds,
+)  # fmt: skip
 from skinrender.transport import tally
 
 PATCH_RANGES = 10.0
@@ -56,64 +62,57 @@ class RadialCheck:
 
     def __call__(self) -> RecordCheck:
         began = time.monotonic()
-        walked = RadialWalk(self)
-        results = [*self._totals(walked), *self._leaving(walked), *self._fluence(walked)]
-        scatterings = int(walked.counts[tally.scattered(len(self.parts))].sum())
-        return RecordCheck(tuple(results), walked.histories, scatterings, time.monotonic() - began)
+        counts = RadialCounts(self)
+        results = [*self._totals(counts), *self._leaving(counts), *self._fluence(counts)]
+        scatterings = int(counts.tallies[tally.scattered(len(self.parts))].sum())
+        return RecordCheck(tuple(results), counts.histories, scatterings, time.monotonic() - began)
 
-    def _totals(self, walked: RadialWalk) -> Iterator[Result]:
+    def _totals(self, counts: RadialCounts) -> Iterator[Result]:
         for name, expected, column in zip("RT", self.totals, (tally.REFLECTED, tally.TRANSMITTED)):
-            yield fraction(self.id, f"{name}_total", expected, 0.0, int(walked.counts[column]), walked.histories)
+            yield fraction(self.id, f"{name}_total", expected, 0.0, int(counts.tallies[column]), counts.histories)
 
-    def _leaving(self, walked: RadialWalk) -> Iterator[Result]:
-        rings = math.pi * self.dr_mm**2 * (2.0 * np.arange(len(walked.rho)) + 1.0)
-        for key, counts, areas in (("R_rho", walked.rho, rings), ("R_mu", walked.mu, np.ones(len(walked.mu)))):
+    def _leaving(self, counts: RadialCounts) -> Iterator[Result]:
+        rings = math.pi * self.dr_mm**2 * (2.0 * np.arange(len(counts.rho)) + 1.0)
+        for key, found, units in (("R_rho", counts.rho, rings), ("R_mu", counts.mu, np.ones(len(counts.mu)))):
             for i, (expected, sigma) in enumerate(zip(*self.profiles[key])):
-                share, error = float(expected * areas[i]), float(sigma * areas[i])
-                row = fraction(self.id, "", share, error, int(counts[i]), walked.histories)
-                values = (float(expected), row.got / areas[i], row.stderr / areas[i])
-                yield Result(self.id, f"{key}[{i}]", *map(float, values), row.z)
+                unit, name = units[i], f"{key}[{i}]"
+                yield fraction(self.id, name, expected * unit, sigma * unit, int(found[i]), counts.histories, unit=unit)
 
-    def _fluence(self, walked: RadialWalk) -> Iterator[Result]:
+    def _fluence(self, counts: RadialCounts) -> Iterator[Result]:
         if any(layer.mu_t == 0.0 for layer in self.stack.layers):
             return
         for i, (expected, sigma) in enumerate(zip(*self.profiles["fluence_z"])):
-            got, stderr = (float(value[i]) for value in (walked.fluence.mean, walked.fluence.stderr))
-            yield events(self.id, f"fluence_z[{i}]", float(expected), float(sigma), got, stderr, walked.histories)
+            got, stderr = counts.fluence.mean[i], counts.fluence.stderr[i]
+            yield events(self.id, f"fluence_z[{i}]", expected, sigma, got, stderr, counts.histories)
 
 
-class RadialWalk:
-    """The rounds walked for a check of radial profiles, with what was counted in them."""
+class RadialCounts:
+    """What was counted in the rounds walked for a check of radial profiles; their number is settled beforehand."""
 
     def __init__(self, check: RadialCheck) -> None:
-        volume, light = build_volume(check.scene), light_from_scene(check.scene)
+        scatterings = max(1.0, scatterings_per_history(check.scene, record_seed(check.seed, check.id, 1)))
+        per_round = math.ceil(min(1.0 / check.wanted.fraction**2, MOST_EVENTS / scatterings) / ROUNDS)
         self._check, self._layers = check, len(check.parts)
         self._mu_t = np.array([check.stack.layers[i].mu_t for i, *_ in check.parts])
         # the truth's last depth bin holds all that is deeper
         self._bin = np.searchsorted(check.cuts_mm, [0.5 * (top + bottom) for _, top, bottom in check.parts])
-        pilot = PhotonPass(volume, light, record_seed(check.seed, check.id, 1))
-        scattered = pilot.walk(0, np.array([PILOT_HISTORIES]), False).tallies[0, tally.scattered(self._layers)].sum()
-        wanted = min(1.0 / check.wanted.fraction**2, MOST_EVENTS / max(1.0, scattered / PILOT_HISTORIES))
-        per_round = math.ceil(wanted / ROUNDS)
         self.histories = per_round * ROUNDS
-        self.counts = np.zeros(tally.columns(self._layers), np.int64)
+        self.tallies = np.zeros(tally.columns(self._layers), np.int64)
         self.rho, self.mu = (np.zeros(len(check.profiles[key][0]), np.int64) for key in ("R_rho", "R_mu"))
         self.fluence = Means()
-        photon_pass = PhotonPass(volume, light, record_seed(check.seed, check.id))
-        for index in range(ROUNDS):
-            self._enter(photon_pass, index, per_round)
+        for walked, exits in walked_rounds(check.scene, record_seed(check.seed, check.id), per_round, ROUNDS):
+            self.tallies += walked.tallies[0]
+            self._enter_exits(exits[exits[:, 5] > 0.0].astype(np.float64))
+            self.fluence.add(self._paths(walked.tallies[0]) / (per_round * check.dz_mm))
 
-    def _enter(self, photon_pass: PhotonPass, index: int, histories: int) -> None:
-        left: list[np.ndarray] = []
-        walked = photon_pass.walk(index, np.array([histories]), False, left)
-        check_counts(walked)
-        counts = walked.tallies[0]
-        self.counts += counts
-        scattered = left[0][left[0][:, 5] > 0.0].astype(np.float64)
+    def _enter_exits(self, scattered: np.ndarray) -> None:
         center = 0.5 * self._check.size_mm
         rho = np.hypot(scattered[:, 0] - center, scattered[:, 1] - center)
         self.rho += np.histogram(rho, len(self.rho), (0.0, self._check.dr_mm * len(self.rho)))[0]
         self.mu += np.histogram(-scattered[:, 4], len(self.mu), (0.0, 1.0))[0]
-        collided = counts[tally.absorbed(self._layers)] + counts[tally.scattered(self._layers)]
+
+    def _paths(self, tallies: np.ndarray) -> np.ndarray:
+        """Length of path in each depth bin, mm, from the collisions there."""
+        collided = tallies[tally.absorbed(self._layers)] + tallies[tally.scattered(self._layers)]
         path = np.divide(collided, self._mu_t, out=np.zeros(self._layers), where=self._mu_t > 0.0)
-        self.fluence.add(np.bincount(self._bin, path, len(self._check.cuts_mm) + 1) / (histories * self._check.dz_mm))
+        return np.bincount(self._bin, path, len(self._check.cuts_mm) + 1)

@@ -35,7 +35,9 @@ class Result:
         return {**vars(self), "ok": self.ok}
 
 
-def fraction(id: str, quantity: str, expected: float, accuracy: float, count: int, histories: int) -> Result:
+def fraction(
+    id: str, quantity: str, expected: float, accuracy: float, count: int, histories: int, *, unit: float = 1.0
+) -> Result:
     """Score the share of the histories that met some fate.
 
     The standard error is the binomial one *under the expected value*, the truth's accuracy in quadrature. Where fewer
@@ -46,19 +48,19 @@ def fraction(id: str, quantity: str, expected: float, accuracy: float, count: in
     ----------
     expected, accuracy : of the share, and the truth's own standard error.
     count, histories : counted, of so many.
+    unit : share that makes one of the quantity.
     """
     got = count / histories
     stderr = math.hypot(math.sqrt(expected * (1.0 - expected) / histories), accuracy)
     if expected in (0.0, 1.0):
-        z = 0.0 if got == expected else math.copysign(math.inf, got - expected)
-        return Result(id, quantity, expected, got, 0.0, z)
-    if histories * expected < FEW:
+        stderr, z = 0.0, 0.0 if got == expected else math.copysign(math.inf, got - expected)
+    elif histories * expected < FEW:
         z = _tail_z(count, histories, expected)
     elif histories * (1.0 - expected) < FEW:
         z = -_tail_z(histories - count, histories, 1.0 - expected)
     else:
         z = (got - expected) / stderr
-    return Result(id, quantity, expected, got, stderr, z)
+    return _result(id, quantity, expected, got, stderr, z, unit)
 
 
 def events(
@@ -68,9 +70,9 @@ def events(
     """Score a number of events per history, of which one history may have many.
 
     The variance comes from the rounds; that of rare events is proportional to their number, which is how it is taken
-    to the expected value (a round without any would otherwise claim certainty). Events of one history come in bursts:
-    n events carry the information of n / (variance / mean) histories, and where fewer than `FEW` of these are
-    expected, z is that of the binomial tail in bursts.
+    to the expected value (rounds without any would otherwise claim certainty). Events of one history come in bursts:
+    n events tell as much as n / (variance / mean) independent ones, and where fewer than `FEW` of these are expected,
+    z is that of the binomial tail of bursts.
 
     Parameters
     ----------
@@ -81,7 +83,7 @@ def events(
     unit : events per history that make one of the quantity.
     """
     if expected == 0.0:
-        return Result(id, quantity, 0.0, got / unit, 0.0, 0.0 if got == 0.0 else math.inf)
+        return _result(id, quantity, 0.0, got, 0.0, 0.0 if got == 0.0 else math.inf, unit)
     if got > 0.0 and stderr > 0.0:
         burst = max(1.0, histories * stderr**2 / got)
         noise = stderr * math.sqrt(expected / got)
@@ -92,7 +94,11 @@ def events(
         z = _tail_z(round(histories * got / burst), histories, min(1.0, expected / burst))
     else:
         z = (got - expected) / total
-    return Result(id, quantity, expected / unit, got / unit, total / unit, z)
+    return _result(id, quantity, expected, got, total, z, unit)
+
+
+def _result(id: str, quantity: str, expected: float, got: float, stderr: float, z: float, unit: float) -> Result:
+    return Result(id, quantity, float(expected / unit), float(got / unit), float(stderr / unit), float(z))
 
 
 def _tail_z(count: int, trials: int, probability: float) -> float:

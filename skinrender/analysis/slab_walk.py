@@ -4,30 +4,29 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from skinrender.analysis.slab_stats import Result
 from skinrender.analysis.slab_truth import SlabRecord, Stack
 from skinrender.engine.crew import Crew
-from skinrender.engine.ledger import Ledger
+from skinrender.engine.ledger import Batches, Ledger, check_counts
 from skinrender.engine.recipe import scene_recipe
 from skinrender.engine.run import count_light
 from skinrender.engine.stop import MIN_ROUNDS
 from skinrender.engine.summary import TraceSummary
 from skinrender.errors import InputError
-from skinrender.scene import make_scene
+from skinrender.photonmap.light import light_from_scene
+from skinrender.photonmap.photon_pass import PhotonPass, Round
+from skinrender.scene import Scene, make_scene
 from skinrender.skin.builder import build_volume
 from skinrender.skin.volume import save_volume
 from skinrender.transport import tally
-
-if TYPE_CHECKING:
-    from skinrender.scene import Scene
 
 ROUNDS = 128
 """Batches for the standard errors of a result: with 32, 4 standard errors are exceeded six times as often."""
@@ -45,8 +44,8 @@ _MARGIN_EVENTS = 0.75
 class Accuracy:
     """Wanted standard errors: of fractions, and relative ones of events where there is at least one a history."""
 
-    fraction: float = 1e-3
-    events: float = 0.02
+    fraction: float
+    events: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,6 +137,33 @@ def count_rounds(scene: Scene, seed: int, histories: int, rounds: int = ROUNDS) 
         share = np.array([-(-histories // rounds)])
         crew = Crew(workers=1, progress=False)
         return count_light(scene_recipe(scene, path), seed, share, FixedRounds(rounds), crew=crew)
+
+
+def walked_rounds(
+    scene: Scene, seed: int, histories: int, rounds: int, *, store: bool = False
+) -> Iterator[tuple[Round, np.ndarray]]:
+    """Walk `rounds` rounds of `histories`; yields each with the photons that left upwards, see `PhotonPass.walk`."""
+    photon_pass = PhotonPass(build_volume(scene), light_from_scene(scene), seed)
+    for index in range(rounds):
+        exits: list[np.ndarray] = []
+        walked = photon_pass.walk(index, np.array([histories]), store, exits)
+        check_counts(walked)
+        yield walked, exits[0]
+
+
+def scatterings_per_history(scene: Scene, seed: int) -> float:
+    """Mean number of scattering events of a history, from a small pilot."""
+    layers = len(scene.slab.layers)
+    [(pilot, _)] = walked_rounds(scene, seed, PILOT_HISTORIES, 1)
+    return float(pilot.tallies[0, tally.scattered(layers)].sum()) / PILOT_HISTORIES
+
+
+class Means(Batches):
+    """Batches with their mean."""
+
+    @property
+    def mean(self) -> np.ndarray:
+        return self._mean
 
 
 def record_seed(seed: int, record_id: str, stage: int = 0) -> int:

@@ -19,13 +19,21 @@ from skinrender.analysis.slab_radial import RadialCheck
 from skinrender.analysis.slab_stats import Result, distribution, events, fraction
 from skinrender.analysis.slab_truth import FIELD, LAYERED, RADIAL, SlabRecord, read_truth
 from skinrender.analysis.slab_walk import (
-    Accuracy, RecordCheck, count_rounds, pilot_walk, planned_histories, record_seed, stack_scene,
+    Accuracy,
+    RecordCheck,
+    count_rounds,
+    pilot_walk,
+    planned_histories,
+    record_seed,
+    stack_scene,
 )  # fmt: skip
 from skinrender.engine.executor import in_order
+from skinrender.film.atomic import whole_file
 from skinrender.transport import tally
 
 WORTH_A_POOL = 3e8
 """Scattering events below which starting processes takes longer than it saves."""
+CONTRACT = Accuracy(fraction=1e-3, events=0.02)
 _FRACTIONS = {
     "R_total": tally.REFLECTED,
     "T_total": tally.TRANSMITTED,
@@ -148,7 +156,7 @@ class CheckNumber:
 
 
 def check_slabs(
-    path: str | Path, *, only: str | None = None, seed: int = 1, wanted: Accuracy = Accuracy(),
+    path: str | Path, *, only: str | None = None, seed: int = 1, wanted: Accuracy = CONTRACT,
     workers: int | None = None, watch: Callable[[Iterable, int], Iterable] = lambda items, count: items,
 ) -> SlabCheck:  # fmt: skip
     """Walk the stacks of a truth file and compare.
@@ -178,7 +186,7 @@ def check_slabs(
 
 def write_results(path: Path, results: Iterable[Result]) -> None:
     """Write ``check.csv``: a row for each result."""
-    with open(path, "w", newline="", encoding="utf-8") as file:
+    with whole_file(path) as part, open(part, "w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow(["id", "quantity", "expected", "got", "stderr", "z", "ok"])
         for r in results:

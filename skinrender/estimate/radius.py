@@ -21,8 +21,8 @@ ALIKE = 0.03
 """Largest difference between the kernel's mean of the epidermis' added vertical absorbance and its value at the ray."""
 EPIDERMIS_MM = 0.15
 REFERENCE_NM = 450.0
-STEPS = (1.0, 1.5, 2.2, 3.2, 4.6, 6.8, 10.0, 15.0, 22.0, 32.0)
-"""Radii in ray spacings that a bounded kernel may take; 1 is the single ray."""
+STEPS = (1.5, 2.2, 3.2, 4.6, 6.8, 10.0, 15.0, 22.0, 32.0)
+"""Radii in pixels that a bounded kernel may take. Narrower ones, where a pattern is noisy, only add speckle."""
 
 
 def gather_radius_mm(gather_count: int | None, photons: int, size_mm: tuple[float, float]) -> float:
@@ -56,15 +56,15 @@ def lesion_absorbance(volume: SkinVolume) -> np.ndarray:
 def radius_levels(
     volume: SkinVolume, point: np.ndarray, shape: tuple[int, int], spacing_mm: float, widest_mm: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Radius of every ray: (h, w) index into radii in ray spacings, and those radii.
+    """Radius of every pixel: (h, w) index into radii in pixels, and those radii.
 
     Parameters
     ----------
-    point : (Q, 2) where the rays enter, mm.
-    shape, spacing_mm : of the ray lattice.
+    point : (h w, 2) where the pixels' rays enter, mm.
+    shape, spacing_mm : of the picture.
     widest_mm : the radius where nothing bounds it.
     """
-    widest = max(1.0, widest_mm / spacing_mm)
+    widest = max(STEPS[0], widest_mm / spacing_mm)
     absorbance = lesion_absorbance(volume)
     if np.ptp(absorbance) <= ALIKE:
         return np.zeros(shape, np.int32), np.array([widest])
@@ -73,9 +73,10 @@ def radius_levels(
     columns = np.floor(point[:, 0] / volume.size_mm[0] * nx).astype(int) % nx
     rows = np.floor(point[:, 1] / volume.size_mm[1] * ny).astype(int) % ny
     seen = absorbance[columns, rows].reshape(shape).astype(np.float32)
+    at_ray = correlate(seen, gaussian(radii[0]), wrap=True)
     level = np.zeros(shape, np.int32)
     alike = np.ones(shape, bool)
     for k, radius in enumerate(radii[1:], start=1):
-        alike &= np.abs(correlate(seen, gaussian(radius), wrap=True) - seen) <= ALIKE
+        alike &= np.abs(correlate(seen, gaussian(radius), wrap=True) - at_ray) <= ALIKE
         level[alike] = k
     return level, radii

@@ -14,7 +14,7 @@ from skinrender.skin.regions import regions_of
 from skinrender.skin.volume import SkinVolume
 from skinrender.transport import tally
 from skinrender.transport.borders import CELL_MAX, CELL_MIN, DIELECTRIC, OPEN, PERIODIC, Borders
-from skinrender.transport.emission import COLLIMATED, POINT, SKY, light_parameters
+from skinrender.transport.emission import collimated_parameters, point_parameters, sky_parameters
 from skinrender.transport.lanes import LANES, new_block
 from skinrender.transport.medium import Medium, block_type, make_grid, make_majorant, make_medium, make_relief, without_air
 from skinrender.transport.rng import stream_key
@@ -126,15 +126,14 @@ class PhotonPass:
 
     @cached_property
     def _light_parameters(self) -> np.ndarray:
-        z_top = self.volume.z_edges_mm[0]
+        z_top = float(self.volume.z_edges_mm[0])
         light = self.light
         if isinstance(light, PointLight):
             x, y, z = light.position_mm
-            return light_parameters(POINT, (x, y, z - z_top))
+            return point_parameters((x, y, z - z_top), self.volume.size_mm, -z_top)
         if isinstance(light, CollimatedLight):
-            radius = -1.0 if light.radius_mm is None else light.radius_mm
-            return light_parameters(COLLIMATED, (*light.position_mm[:2], 0.0), light.direction, radius)
-        return light_parameters(SKY)
+            return collimated_parameters(light.position_mm, light.direction, light.radius_mm)
+        return sky_parameters()
 
     def walk(self, index: int, histories: np.ndarray, store: bool, exits: list | None = None) -> Round:
         """Walk one round.
@@ -143,7 +142,7 @@ class PhotonPass:
         ----------
         index : of the round; its histories are those from ``index * histories[band]`` on.
         histories : (B,) of each band.
-        store : keep the scattering events, not only the counts.
+        store : keep the scattering events, not only their counts.
         exits : receives, per band, an (n, 6) float32 array x, y, ux, uy, uz, scattered of the photons that left upwards.
         """
         tallies = np.zeros((self.bands, tally.columns(len(self.layer_names))), dtype=np.int64)
@@ -167,15 +166,16 @@ class PhotonPass:
         first_too = not has_single_term(self.volume, self.light)
         source = (stream_key(self.seed, band, WALK_STAGE), index * count, count, int(tiles[0]), int(tiles[1]), z_mean, first_too)
         keep = self.depth_table.thresholds(band)
-        position = np.empty((_BUFFER, 3), np.float32) if store else None
-        direction = np.empty((_BUFFER, 2), np.uint16) if store else None
+        position = np.empty(3 * _BUFFER, np.float32) if store else None
+        direction = np.empty(_BUFFER, np.int32) if store else None
         left = None if exits is None else np.zeros((count, 6), np.float32)
         f, w = new_block(real)
         state = np.zeros(3, dtype=np.int64)
         while True:
             walk(f, w, source, self._light_parameters, medium, self._relief, keep, position, direction, counts, left, state)
             if store:
-                yield position[: state[2]].copy(), direction[: state[2]].copy()
+                n = state[2]
+                yield position[: 3 * n].reshape(n, 3).copy(), direction[:n].copy().view(np.uint16).reshape(n, 2)
             if state[1] == 0:
                 break
         if exits is not None:

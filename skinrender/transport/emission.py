@@ -14,40 +14,41 @@ import numpy as np
 from skinrender.transport import kernel
 
 POINT, COLLIMATED, SKY = 0, 1, 2
-# Layout of a light's parameters (float64): kind, x, y, z of the lamp or the beam's center, direction, radius (< 0: patch)
-LIGHT_SIZE = 8
+# Layout of a light's parameters (float64): kind, x, y, z of the lamp or the beam's center, direction, radius (< 0: patch),
+# then for a point lamp the constants of `rectangle_constants`.
+KIND, LAMP, DIRECTION, RADIUS, RECTANGLE = 0, 1, 4, 7, 8
+
+
+def rectangle_constants(x0: float, y0: float, x1: float, y1: float, distance: float) -> np.ndarray:
+    """What `spherical_rectangle` needs of a rectangle in the plane at `distance` > 0 seen from the origin, (9,)."""
+
+    def edge(a: float) -> tuple[float, float]:
+        length = math.hypot(distance, a)
+        return distance / length, a / length
+
+    m0, m1, m2, m3 = edge(y0)[1], -edge(x1)[1], -edge(y1)[1], edge(x0)[1]
+    pairs = ((m0, m1), (m1, m2), (m2, m3), (m3, m0))
+    angles = [math.acos(max(-1.0, min(1.0, -a * b))) for a, b in pairs]
+    solid_angle = math.fsum([*angles, -2.0 * math.pi])
+    return np.array([x0, y0, x1, y1, distance, m0, m2, 2.0 * math.pi - angles[2] - angles[3], solid_angle])
 
 
 @kernel
-def spherical_rectangle(x0, y0, x1, y1, distance, u, v):
-    """Point (x, y) of a rectangle in the plane at `distance` > 0, uniform in solid angle seen from the origin."""
-    z = -distance
-    xx0, yy0, xx1, yy1 = x0, y0, x1, y1
-    n0 = -z / math.sqrt(z * z + yy0 * yy0)
-    n1 = -z / math.sqrt(z * z + xx1 * xx1)
-    n2 = -z / math.sqrt(z * z + yy1 * yy1)
-    n3 = -z / math.sqrt(z * z + xx0 * xx0)
-    m0 = yy0 / math.sqrt(z * z + yy0 * yy0)
-    m1 = -xx1 / math.sqrt(z * z + xx1 * xx1)
-    m2 = -yy1 / math.sqrt(z * z + yy1 * yy1)
-    m3 = xx0 / math.sqrt(z * z + xx0 * xx0)
-    g0 = math.acos(max(-1.0, min(1.0, -m0 * m1)))
-    g1 = math.acos(max(-1.0, min(1.0, -m1 * m2)))
-    g2 = math.acos(max(-1.0, min(1.0, -m2 * m3)))
-    g3 = math.acos(max(-1.0, min(1.0, -m3 * m0)))
-    solid_angle = g0 + g1 + g2 + g3 - 2.0 * math.pi
-    au = u * solid_angle + 2.0 * math.pi - g2 - g3
-    fu = (math.cos(au) * m0 - m2) / math.sin(au)
-    cu = math.copysign(1.0, fu) / math.sqrt(fu * fu + m0 * m0)
+def spherical_rectangle(c, u, v):
+    """Point (x, y) of a rectangle, uniform in solid angle seen from the origin; c of `rectangle_constants`."""
+    x0, y0, x1, y1, distance, m0, m2, start, solid_angle = c
+    turn = start + u * solid_angle
+    slope = (math.cos(turn) * m0 - m2) / math.sin(turn)
+    cu = math.copysign(1.0, slope) / math.sqrt(slope * slope + m0 * m0)
     cu = max(-1.0, min(1.0, cu))
-    xu = -(cu * z) / math.sqrt(max(1.0 - cu * cu, 1e-300))
-    xu = max(xx0, min(xx1, xu))
-    d = math.sqrt(xu * xu + z * z)
-    h0 = yy0 / math.sqrt(d * d + yy0 * yy0)
-    h1 = yy1 / math.sqrt(d * d + yy1 * yy1)
+    x = cu * distance / math.sqrt(max(1.0 - cu * cu, 1e-300))
+    x = max(x0, min(x1, x))
+    d2 = x * x + distance * distance
+    h0 = y0 / math.sqrt(d2 + y0 * y0)
+    h1 = y1 / math.sqrt(d2 + y1 * y1)
     hv = h0 + v * (h1 - h0)
-    yv = hv * d / math.sqrt(max(1.0 - hv * hv, 1e-300))
-    return xu, max(yy0, min(yy1, yv))
+    y = hv * math.sqrt(d2 / max(1.0 - hv * hv, 1e-300))
+    return x, max(y0, min(y1, y))
 
 
 @kernel
@@ -57,16 +58,20 @@ def emit(light, lx, ly, z_mean, u, v, p, q):
     (u, v) place it in the unit square of the patch (or of its solid angle), (p, q) turn a sky's direction.
     `z_mean` is the depth of the mean plane of the surface, at which the lamp is aimed.
     """
-    kind = int(light[0])
+    kind = int(light[KIND])
     if kind == POINT:
-        lamp_x, lamp_y, distance = light[1], light[2], z_mean - light[3]
-        dx, dy = spherical_rectangle(-lamp_x, -lamp_y, lx - lamp_x, ly - lamp_y, distance, u, v)
-        length = math.sqrt(dx * dx + dy * dy + distance * distance)
-        ux, uy, uz = dx / length, dy / length, distance / length
-        x, y = lamp_x + dx, lamp_y + dy
+        c = RECTANGLE
+        rectangle = (
+            light[c], light[c + 1], light[c + 2], light[c + 3], light[c + 4], light[c + 5], light[c + 6], light[c + 7],
+            light[c + 8],
+        )  # fmt: skip
+        dx, dy = spherical_rectangle(rectangle, u, v)
+        inverse = 1.0 / math.sqrt(dx * dx + dy * dy + light[c + 4] * light[c + 4])
+        ux, uy, uz = dx * inverse, dy * inverse, light[c + 4] * inverse
+        x, y = light[LAMP] + dx, light[LAMP + 1] + dy
     elif kind == COLLIMATED:
-        ux, uy, uz = light[4], light[5], light[6]
-        radius = light[7]
+        ux, uy, uz = light[DIRECTION], light[DIRECTION + 1], light[DIRECTION + 2]
+        radius = light[RADIUS]
         if radius < 0.0:
             x, y = u * lx, v * ly
         else:
@@ -75,8 +80,8 @@ def emit(light, lx, ly, z_mean, u, v, p, q):
             a, b = r * math.cos(angle), r * math.sin(angle)
             lateral = math.sqrt(ux * ux + uy * uy)
             cx, cy = (ux / lateral, uy / lateral) if lateral > 0.0 else (1.0, 0.0)
-            x = light[1] + cx * a / uz - cy * b
-            y = light[2] + cy * a / uz + cx * b
+            x = light[LAMP] + cx * a / uz - cy * b
+            y = light[LAMP + 1] + cy * a / uz + cx * b
     else:
         x, y = u * lx, v * ly
         sin, angle = math.sqrt(p), 2.0 * math.pi * q
@@ -93,11 +98,23 @@ def tile_position(index, count, tiles_x, tiles_y, u, v):
     strata. Uniform over the square for every `count`.
     """
     along = (index + u) / count * (tiles_x * tiles_y)
-    tile = min(int(along), tiles_x * tiles_y - 1)
-    tx, ty = tile % tiles_x, tile // tiles_x
-    return (tx + (along - tile)) / tiles_x, (ty + v) / tiles_y
+    tile = min(math.floor(along), tiles_x * tiles_y - 1.0)
+    row = math.floor((tile + 0.5) / tiles_x)
+    return (tile - row * tiles_x + (along - tile)) / tiles_x, (row + v) / tiles_y
 
 
-def light_parameters(kind: int, position=(0.0, 0.0, 0.0), direction=(0.0, 0.0, 1.0), radius: float = -1.0) -> np.ndarray:
-    """Flat float64 parameters of a light: kind POINT, COLLIMATED or SKY; lengths in mm from the top of the volume."""
-    return np.array([kind, *position, *direction, radius], dtype=np.float64)
+def point_parameters(position, size, z_mean: float) -> np.ndarray:
+    """Parameters of a point lamp aimed at the rectangle of a patch; lengths in mm from the top of the volume."""
+    x, y, z = position
+    aim = rectangle_constants(-x, -y, size[0] - x, size[1] - y, z_mean - z)
+    return np.concatenate([[POINT, x, y, z, 0.0, 0.0, 1.0, -1.0], aim]).astype(np.float64)
+
+
+def collimated_parameters(position, direction, radius: float | None) -> np.ndarray:
+    """Parameters of a collimated beam through (x, y) of the mean plane; radius None lights the whole patch."""
+    return np.array([COLLIMATED, position[0], position[1], 0.0, *direction, -1.0 if radius is None else radius])
+
+
+def sky_parameters() -> np.ndarray:
+    """Parameters of a uniform sky."""
+    return np.array([SKY, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, -1.0])

@@ -22,8 +22,9 @@ NEVER_SCATTER, NEVER_ABSORB = np.int32(-(2**31)), np.int32(2**31 - 1)
 class Grid(NamedTuple):
     """The voxels, for all bands alike.
 
-    plane_edge (planes+1) z of the voxel planes, mm from the top; coarse_plane: first plane of each coarse depth cell;
-    brick (planes * bricks_x * bricks_y) uint32: 2 * offset into `palette` + 1 if the brick varies; palette uint16.
+    plane_edge (planes + 1): z of the voxel planes, mm from the top, the last one infinite; coarse_plane: first plane of
+    each coarse depth cell; brick (planes * bricks_x * bricks_y) uint32: 2 * offset into `palette` + 1 if the brick
+    varies; palette uint16.
     """
 
     plane_edge: np.ndarray
@@ -34,40 +35,34 @@ class Grid(NamedTuple):
     bricks_y: int
 
 
-@kernel
-def plane_of(grid, coarse, z):
-    """Index of the voxel plane that holds depth z, starting from the first plane of its coarse cell."""
-    plane = grid.coarse_plane[coarse]
-    last = grid.plane_edge.size - 2
-    while plane < last and z >= grid.plane_edge[plane + 1]:
-        plane += 1
-    return plane
+# Columns of a row of `Medium.rows`: thresholds of the collision's word, bits of the float32 anisotropy, tissue layer.
+ROW_SCATTER, ROW_ABSORB, ROW_G, ROW_LAYER = 0, 1, 2, 3
 
 
 @kernel
-def palette_entry(grid, ix, iy, plane):
-    """Palette index of the voxel (ix, iy, plane)."""
-    brick = grid.brick[(plane * grid.bricks_x + (ix >> BRICK_BITS)) * grid.bricks_y + (iy >> BRICK_BITS)]
-    local = ((ix & (BRICK - 1)) << BRICK_BITS) + (iy & (BRICK - 1))
-    return grid.palette[(brick >> np.uint32(1)) + (brick & np.uint32(1)) * np.uint32(local)]
-
-
-@kernel
-def gather(f, w, n, grid, plane_slab, thresholds, anisotropy, layer):
+def gather(f, w, n, grid, plane_row, rows, rows_as_float):
     """Sets the thresholds, anisotropy and tissue layer of n lanes; a lane that ended on a border can't collide.
 
-    thresholds (slabs, P, 2) int32 and anisotropy (P,) of the band; plane_slab (planes): majorant slab of a plane;
-    layer (P,): tissue layer of a palette entry.
+    rows (slabs * P, 4) int32 of the band and the same memory as float32; plane_row (planes,): first row of the plane's
+    majorant slab. Indices are unsigned: numba's test for negative ones costs as much as the look-up.
     """
+    edge, coarse_plane, brick_of, palette = grid.plane_edge, grid.coarse_plane, grid.brick, grid.palette
+    across, per_plane = np.uint64(grid.bricks_y), np.uint64(grid.bricks_x * grid.bricks_y)
+    one, mask, bits = np.uint64(1), np.uint64(BRICK - 1), np.uint64(BRICK_BITS)
     for i in range(n):
         if w[BORDER + i] != 0:
             w[SCATTER_BELOW + i] = NEVER_SCATTER
             w[ABSORB_ABOVE + i] = NEVER_ABSORB
             continue
-        plane = plane_of(grid, w[IZ + i], f[Z + i])
-        entry = palette_entry(grid, w[IX + i], w[IY + i], plane)
-        slab = plane_slab[plane]
-        w[SCATTER_BELOW + i] = thresholds[slab, entry, 0]
-        w[ABSORB_ABOVE + i] = thresholds[slab, entry, 1]
-        f[G + i] = anisotropy[entry]
-        w[TISSUE + i] = layer[entry]
+        plane = np.uint64(coarse_plane[np.uint64(w[IZ + i])])
+        z = f[Z + i]
+        while z >= edge[plane + one]:
+            plane += one
+        ix, iy = np.uint64(w[IX + i]), np.uint64(w[IY + i])
+        brick = np.uint64(brick_of[plane * per_plane + (ix >> bits) * across + (iy >> bits)])
+        entry = palette[(brick >> one) + (brick & one) * (((ix & mask) << bits) + (iy & mask))]
+        row = np.uint64(plane_row[plane]) + np.uint64(entry)
+        w[SCATTER_BELOW + i] = rows[row, ROW_SCATTER]
+        w[ABSORB_ABOVE + i] = rows[row, ROW_ABSORB]
+        f[G + i] = rows_as_float[row, ROW_G]
+        w[TISSUE + i] = rows[row, ROW_LAYER]

@@ -27,10 +27,9 @@ class Medium(NamedTuple):
     grid: Grid
     cells_per_mm: np.ndarray
     last_cell: np.ndarray
-    plane_slab: np.ndarray
-    thresholds: np.ndarray
-    anisotropy: np.ndarray
-    layer: np.ndarray
+    plane_row: np.ndarray
+    rows: np.ndarray
+    rows_as_float: np.ndarray
     layers: int
     period: np.ndarray
     z_top: float
@@ -72,8 +71,9 @@ def make_grid(palette_index: np.ndarray, z_edges_mm: np.ndarray, real: type) -> 
     cell_top = np.arange(_COARSE_CELLS) * (z_edges_mm[-1] / _COARSE_CELLS)
     # one cell above: a rounded product may fall into the next cell
     coarse = np.searchsorted(z_edges_mm, np.concatenate([[0.0], cell_top[:-1]]), side="right") - 1
+    edges = np.append(z_edges_mm[:-1], np.inf).astype(real)
     grid = Grid(
-        z_edges_mm.astype(real), np.clip(coarse, 0, nz - 1).astype(np.int32), brick, palette, bricks_x, bricks_y
+        edges, np.clip(coarse, 0, nz - 1).astype(np.int32), brick, palette, bricks_x, bricks_y
     )
     return grid, holds
 
@@ -185,8 +185,21 @@ def make_medium(
     period = np.array([borders.lx, borders.ly])
     cells = np.array([columns[0] / period[0], columns[1] / period[1], _COARSE_CELLS / z_edges_mm[-1]])
     last = np.array([columns[0] - 1, columns[1] - 1, _COARSE_CELLS - 1], dtype=np.int32)
+    rows = make_rows(collision_thresholds(mu_a, mu_s, majorant[:, 2]), g, layer)
     return Medium(
-        borders, majorant, flight_constants(majorant, real), grid, cells.astype(real), last, plane_slab,
-        collision_thresholds(mu_a, mu_s, majorant[:, 2]), g.astype(np.float32), layer.astype(np.int32),
-        layers, period.astype(real), float(z_top),
+        borders, majorant, flight_constants(majorant, real), grid, cells.astype(real), last,
+        (plane_slab * len(mu_a)).astype(np.int32), rows, rows.view(np.float32), layers, period.astype(real), float(z_top),
     )  # fmt: skip
+
+
+def make_rows(thresholds: np.ndarray, g: np.ndarray, layer: np.ndarray) -> np.ndarray:
+    """What a collision reads, one 16-byte row a (majorant slab, palette entry): see the columns in `gather`.
+
+    thresholds (slabs, P, 2) int32; g, layer (P,).
+    """
+    slabs, entries = thresholds.shape[:2]
+    rows = np.empty((slabs, entries, 4), np.int32)
+    rows[..., :2] = thresholds
+    rows[..., 2] = g.astype(np.float32).view(np.int32)
+    rows[..., 3] = layer
+    return rows.reshape(-1, 4)

@@ -96,12 +96,11 @@ def kept(w, i, z, z_top, keep):
 @kernel
 def store_photon(f, w, i, stored, position, direction, z_top):
     """Writes the scattering event of lane i as photon number `stored` of the map."""
-    position[stored, 0] = f[X + i]
-    position[stored, 1] = f[Y + i]
-    position[stored, 2] = f[Z + i] + z_top
-    packed = w[ARRIVED + i]
-    direction[stored, 0] = np.uint16(np.uint32(packed) & np.uint32(0xFFFF))
-    direction[stored, 1] = np.uint16(np.uint32(packed) >> np.uint32(16))
+    k = np.uint64(3 * stored)
+    position[k] = f[X + i]
+    position[k + np.uint64(1)] = f[Y + i]
+    position[k + np.uint64(2)] = f[Z + i] + z_top
+    direction[stored] = w[ARRIVED + i]
 
 
 @kernel
@@ -119,17 +118,20 @@ def settle(f, w, n, source, medium, relief, light, keep, position, direction, st
 
     Returns (photons stored so far, whether a lane is left empty).
     """
-    borders, majorant = medium.borders, medium.majorant
+    borders, majorant, z_top = medium.borders, medium.majorant, medium.z_top
+    scatterings = PER_LAYER + medium.layers
     holes = False
+    nulls = 0
     for i in range(n):
         event = w[EVENT + i]
         if event == SCATTERED:
-            tally[PER_LAYER + medium.layers + w[TISSUE + i]] += 1
+            tally[scatterings + w[TISSUE + i]] += 1
             fresh = w[FRESH + i]
-            w[FRESH + i] = 0
+            if fresh != 0:
+                w[FRESH + i] = 0
             if position is not None:
-                if fresh & STRAIGHT == 0 and kept(w, i, f[Z + i] + medium.z_top, medium.z_top, keep):
-                    store_photon(f, w, i, stored, position, direction, medium.z_top)
+                if fresh & STRAIGHT == 0 and kept(w, i, f[Z + i] + z_top, z_top, keep):
+                    store_photon(f, w, i, stored, position, direction, z_top)
                     stored += 1
         elif event == ABSORBED:
             tally[PER_LAYER + w[TISSUE + i]] += 1
@@ -137,7 +139,8 @@ def settle(f, w, n, source, medium, relief, light, keep, position, direction, st
                 w[FRESH + i] = EMPTY
                 holes = True
         elif w[BORDER + i] == 0:
-            tally[COLLISIONS_NULL] += 1
+            nulls += 1
+    tally[COLLISIONS_NULL] += nulls
     return stored, holes
 
 
@@ -182,7 +185,7 @@ def walk(f, w, source, light, medium, relief, keep, position, direction, tally, 
     light : parameters of `emission.light_parameters`.
     medium, relief : `medium.Medium` of the band; `borders.Relief` or None.
     keep : roulette on storage, see `kept`, or None.
-    position, direction : (n, 3) float32 and (n, 2) uint16 to fill, n > LANES, or None: nothing is stored.
+    position, direction : (3 n,) float32 and (n,) int32 to fill, n > LANES, or None: nothing is stored.
     tally : (columns,) int64, added to.
     exits : (histories, 6) float32 or None, see `leave`.
     state : int64 [histories used up, lanes in flight, photons stored in this call]; 0 lanes in flight: finished.
@@ -192,7 +195,7 @@ def walk(f, w, source, light, medium, relief, keep, position, direction, tally, 
     stored = 0
     room = np.int64(0x7FFFFFFFFFFFFFFF)
     if position is not None:
-        room = position.shape[0] - LANES
+        room = direction.shape[0] - LANES
     if cursor[0] == 0:
         while n < LANES and launch(f, w, n, source, medium.borders, medium.majorant, relief, light, tally, cursor):
             n += 1
@@ -204,7 +207,7 @@ def walk(f, w, source, light, medium, relief, keep, position, direction, tally, 
             mark_sides(f, w, n, medium.period[0], medium.period[1])
         holes_left = meet_borders(f, w, n, source, medium, relief, light, tally, exits, cursor)
         locate(f, w, n, medium.cells_per_mm, medium.last_cell)
-        gather(f, w, n, medium.grid, medium.plane_slab, medium.thresholds, medium.anisotropy, medium.layer)
+        gather(f, w, n, medium.grid, medium.plane_row, medium.rows, medium.rows_as_float)
         collide(f, w, n)
         stored, holes = settle(
             f, w, n, source, medium, relief, light, keep, position, direction, stored, tally, cursor

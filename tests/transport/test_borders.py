@@ -11,7 +11,7 @@ from skinrender.estimate.deposit import unpack_direction
 from skinrender.photonmap.photon_pass import PhotonPass
 from skinrender.skin.spline import control_points, evaluate_grid
 from skinrender.transport import kernel, tally
-from skinrender.transport.borders import PERIODIC, Borders, enter_surface, stays_below
+from skinrender.transport.borders import enter_surface, stays_below
 from skinrender.transport.fresnel import fresnel
 from skinrender.transport.height_field import first_hit, height
 from skinrender.transport.lanes import LANES, PATH, UX, UY, UZ, X, Y, Z, Z_START, new_block
@@ -42,23 +42,13 @@ def snell(direction, normal, eta):
     return tangential + np.sqrt(1.0 - tangential @ tangential) * normal
 
 
-def borders_of(relief, size=1.0, n_out=1.0, n_in=N_TISSUE, bottom=2.0):
-    rough = np.array([-1 if relief is None else 0, -1], np.int32)
-    top = 0.0 if relief is None else float(relief.cell_max.max())
-    return Borders(
-        np.array([0.0, bottom]), rough, np.array([n_out, n_in, n_in]), np.array([top]), np.array([bottom]),
-        np.array([size, size]), PERIODIC,
-    )  # fmt: skip
-
-
-def entering(heights, x, y, direction, n_in=N_TISSUE):
-    """Fate of a photon aimed at (x, y) on z = 0 from the top of a relief: (entered, reflections, point, direction)."""
-    top = min(0.0, float(heights.min())) - 1e-3
-    relief = make_relief([heights - np.float32(top)], (1.0, 1.0))
+def entering(heights, x, y, direction):
+    """Fate of a photon aimed at (x, y) on z = 0 from above a relief: (entered, reflections, point, direction)."""
+    volume = slab_volume([Layer(2.0, 1.0, 1.0, n=N_TISSUE)], surface=heights)
+    world, top = PhotonPass(volume, beam(), 1), volume.z_edges_mm[0]
     words = np.random.default_rng(1).integers(-(2**31), 2**31, 4 * LANES).astype(np.int32)
-    back = -top / direction[2]
-    start = (x - direction[0] * back, y - direction[1] * back, 0.0)
-    entered, bounces, *rest = enter_surface(words, 0, borders_of(relief, n_in=n_in), relief, *start, *direction, False)
+    start = (x + direction[0] * top / direction[2], y + direction[1] * top / direction[2], 0.0)
+    entered, bounces, *rest = enter_surface(words, 0, world._borders(0), world._relief, *start, *direction, False)
     return entered, bounces, np.array(rest[:3]) + [0.0, 0.0, top], np.array(rest[3:])
 
 
@@ -126,9 +116,7 @@ def doubtful_flights(f, relief, lx, ly, directions, starts, path, out):
         f[X], f[Y], f[Z], f[Z_START] = x + ux * path[i], y + uy * path[i], z + uz * path[i], z
         f[UX], f[UY], f[UZ], f[PATH] = ux, uy, uz, path[i]
         out[i, 0] = 1.0 if stays_below(f, 0, relief, 0, lx, ly) else 0.0
-        out[i, 1] = first_hit(
-            relief.heights[0], relief.cell_min[0], relief.cell_max[0], lx, ly, x, y, z, ux, uy, uz, path[i], 1.0
-        )
+        out[i, 1] = first_hit(relief.heights[0], relief.cells[0], lx, ly, x, y, z, ux, uy, uz, path[i], 1.0)
 
 
 @pytest.mark.parametrize("roughness", [0.02, 0.3])

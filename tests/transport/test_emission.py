@@ -8,7 +8,8 @@ import pytest
 from skinrender.photonmap.light import rectangle_solid_angle
 from skinrender.transport import kernel
 from skinrender.transport.emission import (
-    COLLIMATED, POINT, SKY, emit, light_parameters, spherical_rectangle, tile_position,
+    collimated_parameters, emit, point_parameters, rectangle_constants, sky_parameters, spherical_rectangle,
+    tile_position,
 )  # fmt: skip
 from tests.stats import assert_fits
 
@@ -65,30 +66,31 @@ LAMPS = {
 def test_point_lamp_is_uniform_over_the_solid_angle_of_the_patch(name, z_mean):
     """On the patch that is a density of cos / distance^2."""
     position, size = LAMPS[name]
-    out, at = photons(light_parameters(POINT, (*position[:2], position[2] + z_mean)), size=size, z_mean=z_mean)
+    lamp = point_parameters((*position[:2], position[2] + z_mean), size, z_mean)
+    out, at = photons(lamp, size=size, z_mean=z_mean)
     assert_fits(counts_on_patch(at, size).ravel(), solid_angle_shares(np.array(position), size).ravel(), 2 * len(LAMPS))
     to_patch = np.concatenate([at, np.zeros((len(at), 1))], axis=1) - position
     assert np.allclose(out[:, 2:], to_patch / np.linalg.norm(to_patch, axis=1)[:, None], atol=1e-9)
 
 
 def test_corners_of_the_square_are_the_corners_of_the_patch():
-    for u in (0.0, 1.0):
-        for v in (0.0, 1.0):
-            assert spherical_rectangle(-0.3, -0.2, 1.7, 0.8, 5.0, u, v) == pytest.approx((-0.3 + 2 * u, -0.2 + v), abs=1e-7)
+    constants = tuple(rectangle_constants(-0.3, -0.2, 1.7, 0.8, 5.0))
+    for u, v in ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0)):
+        assert spherical_rectangle(constants, u, v) == pytest.approx((-0.3 + 2 * u, -0.2 + v), abs=1e-7)
 
 
 @pytest.mark.parametrize("zenith", [0.0, 50.0, 89.0])
 def test_collimated_light_is_uniform_over_the_patch(zenith):
     sin, cos = np.sin(np.radians(zenith)), np.cos(np.radians(zenith))
     direction = (0.6 * sin, -0.8 * sin, cos)
-    out, at = photons(light_parameters(COLLIMATED, direction=direction), z_mean=0.1)
+    out, at = photons(collimated_parameters((1.0, 0.5), direction, None), z_mean=0.1)
     assert np.allclose(out[:, 2:], direction)
     assert_fits(counts_on_patch(at).ravel(), np.full(231, 1 / 231), 3)
 
 
 def test_tilted_disc_is_uniform_across_the_beam():
     direction, radius = np.array([0.48, 0.64, 0.6]), 0.25
-    out, at = photons(light_parameters(COLLIMATED, (1.0, 0.5, 0.0), direction, radius), z_mean=0.2)
+    out, at = photons(collimated_parameters((1.0, 0.5), direction, radius), z_mean=0.2)
     from_axis = np.concatenate([at - [1.0, 0.5], np.zeros((len(at), 1))], axis=1)
     across = from_axis - (from_axis @ direction)[:, None] * direction
     distance = np.linalg.norm(across, axis=1)
@@ -101,12 +103,12 @@ def test_tilted_disc_is_uniform_across_the_beam():
 
 
 def test_pencil_meets_the_mean_plane_in_its_point():
-    _, at = photons(light_parameters(COLLIMATED, (0.7, 0.2, 0.0), (0.6, 0.0, 0.8), 0.0), n=100, z_mean=0.3)
+    _, at = photons(collimated_parameters((0.7, 0.2), (0.6, 0.0, 0.8), 0.0), n=100, z_mean=0.3)
     assert np.allclose(at, [0.7, 0.2])
 
 
 def test_sky_is_uniform_over_the_patch_and_cosine_distributed():
-    out, at = photons(light_parameters(SKY))
+    out, at = photons(sky_parameters())
     assert_fits(counts_on_patch(at).ravel(), np.full(231, 1 / 231), 2)
     azimuth = np.arctan2(out[:, 3], out[:, 2])
     counts = np.histogram2d(out[:, 4] ** 2, azimuth, bins=(21, 15), range=[(0, 1), (-np.pi, np.pi)])[0]
@@ -117,10 +119,10 @@ def test_lamps_of_given_variates():
     def one(light, *u):
         return emit(light, *SIZE, 0.0, *u)
 
-    assert one(light_parameters(SKY), 0.25, 0.5, 0.36, 0.25) == pytest.approx([0.5, 0.5, 0.0, 0.6, 0.8])
-    disc = light_parameters(COLLIMATED, (1.0, 0.5, 0.0), (0.0, 0.0, 1.0), 0.4)
+    assert one(sky_parameters(), 0.25, 0.5, 0.36, 0.25) == pytest.approx([0.5, 0.5, 0.0, 0.6, 0.8])
+    disc = collimated_parameters((1.0, 0.5), (0.0, 0.0, 1.0), 0.4)
     assert one(disc, 0.25, 0.25, 0.9, 0.9) == pytest.approx([1.0, 0.7, 0.0, 0.0, 1.0])
-    overhead = light_parameters(POINT, (1.0, 0.5, -3.0))
+    overhead = point_parameters((1.0, 0.5, -3.0), SIZE, 0.0)
     assert one(overhead, 0.5, 0.5, 0.9, 0.9) == pytest.approx([1.0, 0.5, 0.0, 0.0, 1.0], abs=1e-9)
 
 

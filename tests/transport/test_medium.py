@@ -46,15 +46,15 @@ def test_no_other_choice_of_slabs_has_fewer_null_collisions(seed):
 def test_majorant_bounds_each_plane_and_depth_is_its_integral(seed):
     edges, mu_t = planes(seed)
     majorant, plane_slab = make_majorant(mu_t, edges)
-    assert np.all(majorant.mu_t[plane_slab] >= mu_t) and np.all(majorant.mu_t > 0.0)
-    depth = np.concatenate([[0.0], np.cumsum(majorant.mu_t[plane_slab] * np.diff(edges))])
+    assert np.all(majorant[plane_slab, 2] >= mu_t) and np.all(majorant[:, 2] > 0.0)
+    depth = np.concatenate([[0.0], np.cumsum(majorant[plane_slab, 2] * np.diff(edges))])
     assert [majorant_depth(majorant, z) for z in edges] == pytest.approx(depth)
 
 
 def test_equal_planes_are_one_slab_whatever_their_number():
     for count in (1, 2, 50):
         majorant, _ = make_majorant(np.full(count, 7.0), np.linspace(0.0, 1.0, count + 1))
-        assert majorant.z.tolist() == [0.0] and majorant.mu_t.tolist() == [7.0]
+        assert majorant.tolist() == [[0.0, 0.0, 7.0]]
 
 
 def depth_error_mm(mu_t, edges):

@@ -38,10 +38,9 @@ def stack(name):
 
 def depth_at(majorant, edges, z):
     """Majorant optical depth by interpolation, continued beyond both ends."""
-    nodes = np.append(majorant.z, edges[-1])
-    depth = np.append(majorant.depth, majorant.depth[-1] + (edges[-1] - majorant.z[-1]) * majorant.mu_t[-1])
-    above, below = np.minimum(z, 0.0) * majorant.mu_t[0], np.maximum(z - edges[-1], 0.0) * majorant.mu_t[-1]
-    return np.interp(z, nodes, depth) + above + below
+    top, depth, mu_t = majorant.T
+    nodes, at_nodes = np.append(top, edges[-1]), np.append(depth, depth[-1] + (edges[-1] - top[-1]) * mu_t[-1])
+    return np.interp(z, nodes, at_nodes) + np.minimum(z, 0.0) * mu_t[0] + np.maximum(z - edges[-1], 0.0) * mu_t[-1]
 
 
 def free_optical_depths(w):
@@ -106,6 +105,20 @@ def test_level_flight_keeps_its_free_path(uz):
     assert np.allclose(row(f, PATH), tau / mu_t[0], rtol=3e-4, atol=1e-7)
 
 
+@pytest.mark.parametrize("uz", [0.7, -0.7, 0.02])
+@pytest.mark.parametrize("beyond_mm", [1e-5, 1e-3])
+def test_path_across_the_edge_of_a_clear_layer(uz, beyond_mm):
+    """A short flight from 100 mm free path to 0.05 or 0.125 mm, or back: sideways it goes as far as it sinks."""
+    edges, _, majorant, _ = stack("clear between")
+    f, w = lanes(np.float32, 12, edges, majorant)
+    row(f, UX)[:], row(f, UY)[:], row(f, UZ)[:] = np.sqrt(1.0 - uz * uz), 0.0, uz
+    for start in (0.3 - beyond_mm, 0.3 + beyond_mm, 1.3 - beyond_mm, 1.3 + beyond_mm):
+        row(f, X)[:], row(f, Z)[:], row(f, M)[:] = 0.0, start, depth_at(majorant, edges, np.float32(start))
+        fly(f, w, LANES, flight_constants(majorant, np.float32))
+        sunk = row(f, Z).astype(float) - start
+        assert np.allclose(row(f, X) * uz, sunk * np.sqrt(1.0 - uz * uz), rtol=0.02, atol=1e-5)
+
+
 def test_free_paths_are_exponential():
     edges, mu_t, majorant, _ = stack("one slab")
     f, w = lanes(np.float32, 8, edges, majorant)
@@ -127,9 +140,9 @@ def test_first_collision_follows_the_transmittance_of_what_is_really_there(uz):
     palette_index = (1 + np.arange(5)[None, :] + np.array([0, 5])[:, None]).astype(np.uint16)[:, None, :]
     mu_a = np.concatenate([[0.0], mu_t[:, 0], mu_t[:, 1]])
     majorant, plane_slab = make_majorant(mu_t.max(axis=1), edges)
-    assert 1 < majorant.z.size <= SLABS
+    assert 1 < len(majorant) <= SLABS
     grid = make_grid(palette_index, edges, np.float32)[0]
-    thresholds = collision_thresholds(mu_a, np.zeros(11), majorant.mu_t)
+    thresholds = collision_thresholds(mu_a, np.zeros(11), majorant[:, 2])
     slabs, zeros = flight_constants(majorant, np.float32), np.zeros(11, np.float32)
     cells = np.array([1.0, 0.5, 4096 / edges[-1]], np.float32)
 

@@ -13,13 +13,11 @@ from llvmlite import binding
 from skinrender.photonmap.photon_pass import PhotonPass
 from skinrender.skin.spline import evaluate_grid
 from skinrender.transport import tally
-from skinrender.transport.borders import INSIDE, cross
-from skinrender.transport.gather import gather
-from skinrender.transport.lanes import BORDER, EVENT, LANES, SCATTERED, X, Y, Z, new_block
+from skinrender.transport.lanes import LANES, new_block
 from skinrender.transport.move import fly, locate, wrap
 from skinrender.transport.rng import stream_key
 from skinrender.transport.turn import collide
-from skinrender.transport.walk import launch, walk
+from skinrender.transport.walk import walk
 from tests.stats import assert_mean, assert_share
 from tests.volumes import Layer, beam, furrow, lamp, sky, slab_volume, walk_rounds
 
@@ -83,46 +81,35 @@ def test_any_number_of_histories(histories):
     assert (len(one.position) > 0) == (histories > 1)
 
 
-def executed(volume, light, seed=5, count=2000, first=0):
-    """What `walk` reads: (source, light, medium, relief), and the number type."""
-    photon_pass = PhotonPass(volume, light, seed)
+def photons_of(volume, light, count, first=0, buffer=200_000):
+    """All photons (n, 5) of histories `first`, `first` + 1, ..., walked through a buffer of this size, and the tally."""
+    photon_pass = PhotonPass(volume, light, 5)
     medium, real = photon_pass._medium(0)
-    source = (stream_key(seed, 0, 0), first, count, 1, 1, -float(volume.z_edges_mm[0]), True)
-    return (source, photon_pass._light_parameters, medium, photon_pass._relief), real
-
-
-def photons_of(world, real, buffer=100_000, history=None):
-    """All photons of a walk through a buffer of this size, or those of one history alone in its block, and the tally."""
-    source, light, medium, relief = world
+    source = (stream_key(5, 0, 0), first, count, 1, 1, -float(volume.z_edges_mm[0]), True)
     position, direction = np.empty((buffer, 3), np.float32), np.empty((buffer, 2), np.uint16)
-    f, w = new_block(real)
-    state, counts, parts = np.zeros(3, np.int64), np.zeros(tally.columns(medium.layers), np.int64), []
-    if history is not None:
-        cursor = np.array([history])
-        launch(f, w, 0, source, medium, relief, light, counts, cursor)
-        state[:2] = source[2], cursor[0] == history + 1
-    while True:
-        walk(f, w, source, light, medium, relief, None, position, direction, counts, None, state)
+    (f, w), state = new_block(real), np.zeros(3, np.int64)
+    counts, parts = np.zeros(tally.columns(medium.layers), np.int64), []
+    lamp_parameters, relief = photon_pass._light_parameters, photon_pass._relief
+    while not parts or state[1] > 0:
+        walk(f, w, source, lamp_parameters, medium, relief, None, position, direction, counts, None, state)
         parts.append(np.concatenate([position[: state[2]].view(np.uint32), direction[: state[2]]], axis=1))
-        if state[1] == 0:
-            return np.concatenate(parts), counts
+    return np.concatenate(parts), counts
 
 
 def test_photons_do_not_depend_on_the_size_of_the_buffer():
-    world, real = executed(VOLUMES["inner borders"], beam(10.0))
-    (whole, counts), (parts, counts_of_parts) = (photons_of(world, real, size) for size in (200_000, LANES + 1))
-    assert len(whole) > 20 * LANES
-    assert np.array_equal(whole, parts) and np.array_equal(counts, counts_of_parts)
+    walks = [photons_of(VOLUMES["inner borders"], beam(10.0), 2000, buffer=size) for size in (200_000, LANES + 1)]
+    assert len(walks[0][0]) > 20 * LANES
+    assert np.array_equal(walks[0][0], walks[1][0]) and np.array_equal(walks[0][1], walks[1][1])
 
 
 @pytest.mark.parametrize("name", ["inner borders", "relief", "ink"])
 def test_a_history_is_the_same_alone_as_among_others(name):
     """Bit for bit, although a single lane runs through the scalar rest of the vectorized passes."""
-    world, real = executed(VOLUMES[name], beam(10.0), count=300)
-    together = set(map(bytes, photons_of(world, real)[0]))
-    alone = [bytes(photon) for history in range(0, 300, 20) for photon in photons_of(world, real, history=history)[0]]
+    pencil = beam(10.0, radius=0.0)
+    together, _ = photons_of(VOLUMES[name], pencil, 700)
+    alone = np.concatenate([photons_of(VOLUMES[name], pencil, 1, history)[0] for history in range(0, 700, 20)])
     assert len(alone) > 100
-    assert set(alone) <= together
+    assert set(map(bytes, alone)) <= set(map(bytes, together))
 
 
 def test_storing_changes_no_history():
