@@ -98,8 +98,9 @@ def walk_rounds(photon_pass: PhotonPass, histories: int, rounds: int = 1, store:
 def assert_energy(one: Round, layers: int) -> None:
     """Every emitted photon is reflected, transmitted, gone through a side or absorbed; none is lost."""
     counts = one.tallies
-    ended = counts[:, [tally.REFLECTED, tally.TRANSMITTED, tally.SIDES]].sum(1) + counts[:, tally.absorbed(layers)].sum(1)
-    assert np.array_equal(counts[:, tally.EMITTED], one.emitted) and np.array_equal(ended, one.emitted)
+    left, absorbed = counts[:, [tally.REFLECTED, tally.TRANSMITTED, tally.SIDES]], counts[:, tally.absorbed(layers)]
+    assert np.array_equal(counts[:, tally.EMITTED], one.emitted)
+    assert np.array_equal(left.sum(axis=1) + absorbed.sum(axis=1), one.emitted)
     assert not counts[:, tally.LOST].any()
     assert np.all(counts[:, tally.REFLECTED_UNSCATTERED] <= counts[:, tally.REFLECTED])
     assert np.all(counts[:, tally.SPECULAR] <= counts[:, tally.REFLECTED_UNSCATTERED])
@@ -114,7 +115,7 @@ def fractions(walked: list[Round]) -> np.ndarray:
 
 
 def furrow(depth_mm: float, width: float = 0.2, samples: int = 100, size: float = 1.0) -> np.ndarray:
-    """Control points of a furrow along y with walls as steep as one cell allows: level 0, the furrow's bottom below it."""
+    """Control points of a furrow along y in a level surface, with walls as steep as one cell allows."""
     center = (np.arange(samples) + 0.5) * (size / samples)
     inside = np.abs(center - 0.5 * size) < 0.5 * width
     return np.repeat(np.where(inside, depth_mm, 0.0)[:, None], 4, axis=1).astype(np.float32)

@@ -23,7 +23,7 @@ from skinrender.analysis.slab_bins import (
     depth_bins,
     unscattered_return,
     vertical_cosine,
-)  # fmt: skip
+)
 from skinrender.analysis.slab_stats import Result, events, fraction
 from skinrender.analysis.slab_truth import SlabRecord, TruthRecord
 from skinrender.analysis.slab_walk import (
@@ -36,7 +36,7 @@ from skinrender.analysis.slab_walk import (
     scatterings_per_history,
     stack_scene,
     walked_rounds,
-)  # fmt: skip
+)
 from skinrender.transport import tally
 
 STORED_PER_ROUND = 3e6
@@ -58,7 +58,7 @@ class FieldCheck:
         self.totals = [record.number(name, 0.0, 1.0) for name in ("R_total", "T_total")]
         self.accuracy = {name: record.accuracy(f"{name}_rel") for name in ("depth", "exit", "radiance")}
         self._read_depth(record)
-        self.exit_mu = np.array(record.numbers("exit_mu", low=1e-3, high=1.0))
+        self.exit_mu = _cosines(record, "exit_mu")
         self.exit_radiance = np.array(record.numbers("exit_radiance_top", len(self.exit_mu), 0.0))
         self._read_radiance(record)
         self.bins = depth_bins(self.stack, self.z_mm, self.layer, self.fluence)
@@ -84,7 +84,7 @@ class FieldCheck:
 
     def _read_radiance(self, record: SlabRecord) -> None:
         section = record.section("radiance")
-        self.mu = np.array(section.numbers("mu", low=1e-3, high=1.0))
+        self.mu = _cosines(section, "mu")
         self.radiance: list[tuple[int, np.ndarray, np.ndarray]] = []
         for i, (z, down, up) in enumerate(section.rows("rows", 3)):
             row = TruthRecord({"z_mm": z, "down": down, "up": up}, f"{section.where}: rows[{i}]")
@@ -168,6 +168,13 @@ class FieldCheck:
         return found
 
 
+def _cosines(record: TruthRecord, key: str) -> np.ndarray:
+    cosines = np.array(record.numbers(key, low=1e-3, high=1.0))
+    if np.any(np.diff(cosines) <= 0.0):
+        raise record.wrong(key, "don't ascend", "sort the cosines and what belongs to them")
+    return cosines
+
+
 class FieldCounts:
     """What was counted in the rounds walked for a check of fields.
 
@@ -200,10 +207,8 @@ class FieldCounts:
     def _collisions(self, tallies: np.ndarray) -> np.ndarray:
         """Photons absorbed or scattered about each depth."""
         collided = tallies[tally.absorbed(self._layers)] + tallies[tally.scattered(self._layers)]
-        return np.array([
-            sum(count for count, (_, top, bottom) in zip(collided, self._check.parts) if about.low <= top and bottom <= about.high)
-            for about in self._check.bins
-        ])  # fmt: skip
+        upper, lower = np.array([[top, bottom] for _, top, bottom in self._check.parts]).T
+        return np.array([collided[(upper >= about.low) & (lower <= about.high)].sum() for about in self._check.bins])
 
     def _directions(self, z: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Stored photons in each bin of radiance."""

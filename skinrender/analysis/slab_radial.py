@@ -25,7 +25,7 @@ from skinrender.analysis.slab_walk import (
     scatterings_per_history,
     stack_scene,
     walked_rounds,
-)  # fmt: skip
+)
 from skinrender.transport import tally
 
 PATCH_RANGES = 10.0

@@ -98,7 +98,7 @@ def events(
 
 
 def _result(id: str, quantity: str, expected: float, got: float, stderr: float, z: float, unit: float) -> Result:
-    return Result(id, quantity, float(expected / unit), float(got / unit), float(stderr / unit), float(z))
+    return Result(id, quantity, float(expected / unit), float(got / unit), float(stderr / unit), float(z) + 0.0)
 
 
 def _tail_z(count: int, trials: int, probability: float) -> float:
@@ -122,4 +122,4 @@ def distribution(z: Sequence[float]) -> dict[str, float | int | None]:
     sum_z2 = float(z @ z)
     p_chi2 = 2.0 * min(stats.chi2.sf(sum_z2, z.size), stats.chi2.cdf(sum_z2, z.size))
     p_ks = float(stats.kstest(z, "norm").pvalue)
-    return {"count": int(z.size), "mean": float(z.mean()), "sum_z2": sum_z2, "p_chi2": min(1.0, p_chi2), "p_ks": p_ks}
+    return {"count": int(z.size), "mean": float(z.mean()), "sum_z2": sum_z2, "p_chi2": float(min(1.0, p_chi2)), "p_ks": p_ks}

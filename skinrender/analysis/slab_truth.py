@@ -85,7 +85,9 @@ class TruthRecord:
         """A finite number within [low, high]."""
         return self._number(key, self.values.get(key), low, high)
 
-    def numbers(self, key: str, count: int | None = None, low: float = -math.inf, high: float = math.inf) -> list[float]:
+    def numbers(
+        self, key: str, count: int | None = None, low: float = -math.inf, high: float = math.inf
+    ) -> list[float]:
         """A list of finite numbers, of a given length if there is one."""
         values = self.get(key, list, "a list of numbers")
         if count is not None and len(values) != count:

@@ -29,15 +29,17 @@ from skinrender.skin.volume import save_volume
 from skinrender.transport import tally
 
 ROUNDS = 128
-"""Batches for the standard errors of a result: with 32, 4 standard errors are exceeded six times as often."""
+"""Batches for the standard errors of a result: with 32, 4 standard errors are exceeded three times as often."""
+ROUND_HISTORIES = 1 << 10
+"""Worth keeping in a round, even if it costs batches: at the end of a round a few long histories walk alone."""
 PATCH_MM = 10.0
 LEAST_HISTORIES = 1 << 14
 PILOT_HISTORIES = 1 << 12
 MOST_EVENTS = 2e10
 """Scattering events of one record; some minutes on one core."""
-_MARGIN = 0.9
-_MARGIN_EVENTS = 0.75
+_MARGIN, _MARGIN_EVENTS = 0.9, 0.75
 """Part of the wanted standard error that is aimed at; that of events is itself known from a pilot only."""
+_PILOT_ERROR = 0.07
 
 
 @dataclass(frozen=True)
@@ -129,8 +131,14 @@ def _described(stack: Stack, layer: int, top: float, bottom: float) -> dict[str,
     }
 
 
-def count_rounds(scene: Scene, seed: int, histories: int, rounds: int = ROUNDS) -> TraceSummary:
-    """Walk at least `histories` in `rounds` rounds without storing photons."""
+def rounds_for(histories: int) -> int:
+    """Number of rounds to share histories over."""
+    return min(ROUNDS, max(MIN_ROUNDS, histories // ROUND_HISTORIES))
+
+
+def count_rounds(scene: Scene, seed: int, histories: int) -> TraceSummary:
+    """Walk at least so many histories, in rounds, without storing photons."""
+    rounds = rounds_for(histories)
     with tempfile.TemporaryDirectory(prefix="skinrender-") as folder:
         path = Path(folder) / "volume.npz"
         save_volume(build_volume(scene), path)
@@ -179,14 +187,18 @@ def histories_for_fractions(expected: Sequence[float], stderr: float) -> int:
 
 
 def planned_histories(
-    walk: Callable[[int, int], TraceSummary], fractions: Sequence[float], scatter_events: Sequence[float], wanted: Accuracy
+    walk: Callable[[int, int], TraceSummary],
+    fractions: Sequence[float],
+    scatter_events: Sequence[float],
+    wanted: Accuracy,
 ) -> tuple[int, bool]:
     """Number of histories, settled before the first one that counts; and whether it had to be limited.
 
     A run that ends when its own standard error has become small ends sooner where rare long histories happen to be
     missing: its mean is then too low and its standard error far too low. So nothing that counts decides its own
-    number: fractions need what follows from their expected values, scattering events what follows from pilots, which
-    are thrown away. A pilot decides about at most four times its own size; else a larger one is walked.
+    number: fractions need what follows from their expected values, scattering events what follows from a pilot, which
+    is thrown away. A pilot that does not know the events to `_PILOT_ERROR` doesn't know their variance either; then a
+    larger one is walked.
 
     Parameters
     ----------
@@ -195,26 +207,23 @@ def planned_histories(
     """
     enough = histories_for_fractions(fractions, wanted.fraction)
     most = max(LEAST_HISTORIES, int(MOST_EVENTS / max(1.0, sum(scatter_events))))
-    if max(scatter_events, default=0.0) < 1.0:
-        return min(enough, most), enough > most
-    pilot, number = min(PILOT_HISTORIES, most), 1
-    while True:
-        needed = _histories_for_events(walk(number, pilot), scatter_events, _MARGIN_EVENTS * wanted.events)
-        if needed <= max(enough, 4 * pilot) or 4 * pilot >= most:
-            break
-        pilot, number = min(max(2 * pilot, needed // 4), most // 4), number + 1
-    wanted_histories = max(enough, needed)
-    return min(wanted_histories, most), wanted_histories > most
+    if max(scatter_events, default=0.0) >= 1.0:
+        pilot, number = PILOT_HISTORIES, 1
+        error = _worst_error(walk(number, pilot), scatter_events)
+        while error > _PILOT_ERROR and 2 * pilot < most:
+            growth = math.ceil((error / _PILOT_ERROR) ** 2)
+            pilot, number = min(pilot * max(2, growth), most // 2), number + 1
+            error = _worst_error(walk(number, pilot), scatter_events)
+        enough = max(enough, math.ceil(pilot * (error / (_MARGIN_EVENTS * wanted.events)) ** 2))
+    return min(enough, most), enough > most
 
 
-def _histories_for_events(pilot: TraceSummary, expected: Sequence[float], relative: float) -> int:
-    layers = len(expected)
-    columns = tally.scattered(layers)
-    errors = pilot.fractions_stderr[0, columns]
-    needed = [pilot.emitted * (error / (relative * mean)) ** 2 for error, mean in zip(errors, expected) if mean >= 1.0]
-    return math.ceil(max(needed))
+def _worst_error(pilot: TraceSummary, expected: Sequence[float]) -> float:
+    """Largest relative standard error of the scattering events in a layer, where there is at least one a history."""
+    errors = pilot.fractions_stderr[0, tally.scattered(len(expected))]
+    return max(error / mean for error, mean in zip(errors, expected) if mean >= 1.0)
 
 
 def pilot_walk(scene: Scene, seed: int, record_id: str) -> Callable[[int, int], TraceSummary]:
     """The walk of a record's pilots, each with a seed of its own."""
-    return lambda number, histories: count_rounds(scene, record_seed(seed, record_id, number), histories, MIN_ROUNDS)
+    return lambda number, histories: count_rounds(scene, record_seed(seed, record_id, number), histories)

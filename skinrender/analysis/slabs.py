@@ -26,7 +26,7 @@ from skinrender.analysis.slab_walk import (
     planned_histories,
     record_seed,
     stack_scene,
-)  # fmt: skip
+)
 from skinrender.engine.executor import in_order
 from skinrender.film.atomic import whole_file
 from skinrender.transport import tally

@@ -52,7 +52,8 @@ def check(
     from skinrender.cli.job import make_folder
 
     def watch(items: Iterable, count: int) -> Iterable:
-        return tqdm(items, desc="check", total=count, unit=" records", disable=None if console.progress else True, leave=False)
+        hide = None if console.progress else True
+        return tqdm(items, desc="check", total=count, unit=" records", disable=hide, leave=False)
 
     folder = make_folder(output)
     found = check_slabs(
@@ -81,6 +82,7 @@ def _conclusion(summary: dict[str, Any]) -> list[Row]:
     of_r = summary["R_total_z"]
     rows = [("", ""), ("all within 4 standard errors", "yes" if summary["ok"] else "NO")]
     if of_r["mean"] is not None:
-        told = f"mean {of_r['mean']:+.2f}, sum of squares {of_r['sum_z2']:.1f} of {of_r['count']} (p {of_r['p_chi2']:.2g})"
-        rows.append(("z of R_total over the records", f"{told}, Kolmogorov-Smirnov p {of_r['p_ks']:.2g}"))
+        squares = f"sum of squares {of_r['sum_z2']:.1f} of {of_r['count']} (p {of_r['p_chi2']:.2g})"
+        told = f"mean {of_r['mean']:+.2f}, {squares}, Kolmogorov-Smirnov p {of_r['p_ks']:.2g}"
+        rows.append(("z of R_total over the records", told))
     return rows

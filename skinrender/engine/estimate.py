@@ -32,7 +32,7 @@ from skinrender.photonmap.light import light_from_scene
 from skinrender.photonmap.photon_map import PhotonMap
 from skinrender.skin.volume import SkinVolume
 
-RELIEF_SUBPIXELS = 3
+RELIEF_SUBPIXELS = 2
 TRANSMITTANCE_SUBPIXELS = 2
 METHODS = ("beam", "point")
 

@@ -7,6 +7,8 @@ For ray q, photons i at depth D_i, kernel K taken horizontally at equal depth:
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from skinrender.estimate.deposit import deposit, ray_weights
@@ -43,12 +45,13 @@ def estimate_beam(stream: Stream, gather_count: int | None) -> ScatteredLight:
     seen = 0
     for band in stream.bands():
         visible = slice(0, band.slabs + 1)
-        drop, ray_weight, factor = ray_weights(
+        worth, factor = ray_weights(
             band.tau[visible], band.pixel_depth[visible], band.outside_power, rays.region, rays.descent,
             stream.lattice.bin_area, stream.pixel_of,
         )  # fmt: skip
-        add = _depositor(stream, band, drop, ray_weight, factor, y_image, totals)
-        image, count = band.over_batches(batches, add, (band.slabs, h * w))
+        noise = _Noise(factor, np.float32(stream.y_weight[band.index]), y_image, totals)
+        add = _depositor(stream, band, worth)
+        image, count = band.over_batches(batches, add, noise.add, (band.slabs, h * w))
         seen += count
         slabs = np.array_split(image, stream.threads)
         shown = np.concatenate(list(stream.pool.map(filtered, slabs))).reshape(factor.shape)
@@ -60,19 +63,35 @@ def estimate_beam(stream: Stream, gather_count: int | None) -> ScatteredLight:
     return ScatteredLight(radiance, batch_y, totals * scale / (h * w), rounds, seen * met / (h * w))
 
 
-def _depositor(stream: Stream, band: Band, drop, ray_weight, factor, y_image: np.ndarray, totals: np.ndarray):
+@dataclass(frozen=True, eq=False)
+class _Noise:
+    """Enters each batch's slab images on their own, for the standard error.
+
+    factor (S, pixels) and y_weight of the band; y_image (batches, S, pixels) f4 and totals (batches,) are added to.
+    """
+
+    factor: np.ndarray
+    y_weight: np.float32
+    y_image: np.ndarray
+    totals: np.ndarray
+
+    def add(self, batch: int, image: np.ndarray) -> None:
+        shown = image * self.factor
+        self.totals[batch] += shown.sum(dtype=np.float64)
+        shown *= self.y_weight
+        self.y_image[batch, : len(shown)] += shown
+
+
+def _depositor(stream: Stream, band: Band, worth: np.ndarray):
     """The function that deposits one round of a band."""
     lattice, rays = stream.lattice, stream.lattice.rays
     palette, g = band.anisotropy
-    y_weight = np.float32(stream.y_weight[band.index])
 
     def add(index: int, batch: int, image: np.ndarray) -> int:
-        count, total = deposit(
+        return deposit(
             *band.photons(index), rays.depth_edges_mm[: band.slabs + 1], rays.region, lattice.to_lattice, lattice.bounds,
-            lattice.bin_start, lattice.ray_of, rays.direction, drop, ray_weight, stream.pixel_of, *lattice.shape, palette,
-            stream.volume.z_edges_mm, g, factor, y_weight, image, y_image[batch],
+            lattice.only_ray, lattice.bin_start, lattice.ray_of, rays.direction, worth, stream.pixel_of, *lattice.shape,
+            palette, stream.volume.z_edges_mm, g, image,
         )  # fmt: skip
-        totals[batch] += total
-        return count
 
     return add

@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from skinrender.estimate.lattice import bin_of
+from skinrender.estimate.lattice import SEVERAL_RAYS, bin_of
 from skinrender.transport import kernel
 from skinrender.transport.height_field import height
 from skinrender.transport.phase import phase_hg
@@ -47,14 +47,10 @@ def slab_of(edges, depth):
     """Depth slab of a photon, or -1 when it is too deep to be seen."""
     if depth >= edges[edges.size - 1]:
         return -1
-    low, high = 0, edges.size - 1
-    while high - low > 1:
-        middle = (low + high) // 2
-        if depth >= edges[middle]:
-            low = middle
-        else:
-            high = middle
-    return low
+    slab = 0
+    for k in range(1, edges.size - 1):
+        slab += depth >= edges[k]  # no branch to mispredict
+    return slab
 
 
 @kernel
@@ -63,6 +59,10 @@ def image_range(x, length, low, high):
     if low <= x <= high and x - length < low and x + length > high:
         return 0, 0
     return math.ceil((low - x) / length), math.floor((high - x) / length)
+
+
+DROP, WEIGHT = 0, 1
+BLOCK, SPARE = 256, 8
 
 
 @kernel
@@ -79,12 +79,12 @@ def ray_weights(tau, pixel_depth, outside_power, region, descent, bin_area, pixe
 
     Returns
     -------
-    drop : (S, Q) f4 optical depth across the slab along the ray.
-    ray_weight : (S, Q) f4, before the filter: the ray's transmittance relative to its pixel's, power and bin area.
+    worth : (S, Q, 2) f4, before the filter: DROP, the optical depth across the slab along the ray, and WEIGHT, the ray's
+        transmittance relative to its pixel's x power / bin area. Side by side, as each costs a cache miss.
     factor : (S, pixels) f4, after it: the pixel's transmittance to mid-slab.
     """
     slabs, count, pixels = tau.shape[0] - 1, tau.shape[1], pixel_depth.shape[1]
-    drop, ray_weight = np.empty((slabs, count), np.float32), np.empty((slabs, count), np.float32)
+    worth = np.empty((slabs, count, 2), np.float32)
     factor = np.empty((slabs, pixels), np.float32)
     half = np.float32(0.5)
     for s in range(slabs):
@@ -93,78 +93,122 @@ def ray_weights(tau, pixel_depth, outside_power, region, descent, bin_area, pixe
         share = pixels / (count * bin_area[s])
         for q in range(count):
             p = pixel_of[q]
-            drop[s, q] = tau[s + 1, q] - tau[s, q]
+            worth[s, q, DROP] = tau[s + 1, q] - tau[s, q]
             middle = half * (pixel_depth[s, p] + pixel_depth[s + 1, p] - tau[s, q] - tau[s + 1, q])
-            ray_weight[s, q] = np.exp(middle) * outside_power[region[s], q] * share / descent[s, q]
-    return drop, ray_weight, factor
+            worth[s, q, WEIGHT] = np.exp(middle) * outside_power[region[s], q] * share / descent[s, q]
+    return worth, factor
+
+
+@kernel
+def connect(slab, q, ux, uy, uz, anisotropy, half, region, ray_direction, worth):
+    """Radiance outside, but for the pixel's own transmittance, that a photon sends along ray q."""
+    r = region[slab]
+    cosine = -(ux * ray_direction[r, q, 0] + uy * ray_direction[r, q, 1] + uz * ray_direction[r, q, 2])
+    return phase_hg(cosine, anisotropy) * math.exp(half * worth[slab, q, DROP]) * worth[slab, q, WEIGHT]
+
+
+@kernel
+def find_cells(
+    position, direction, i, last, keep, z_top, lx, ly, periodic, relief, edges, to_lattice, bounds, h, w, palette_index,
+    z_edges, g, entry, cell_of,
+):
+    """First pass over photons i..last-1: fills a block with those that are seen; returns (next photon, entries).
+
+    entry (BLOCK, 6): direction, anisotropy, weight, half slab minus place in it; cell_of (BLOCK, 2): slab and bin.
+    """
+    deepest = edges[edges.size - 1]
+    reach = deepest + (0.0 if relief is None else 1.0)
+    n = 0
+    while i < last and n < BLOCK - SPARE:
+        z = np.float64(position[i, 2])
+        if z >= reach:
+            i += 1
+            continue
+        x, y = np.float64(position[i, 0]), np.float64(position[i, 1])
+        depth = z if relief is None else z - height(relief, lx, ly, x, y)
+        depth = max(0.0, depth)
+        slab = slab_of(edges, depth)
+        if slab < 0:
+            i += 1
+            continue
+        x_first, x_last, y_first, y_last = 0, 0, 0, 0
+        if periodic:
+            x_first, x_last = image_range(x, lx, bounds[slab, 0], bounds[slab, 2])
+            y_first, y_last = image_range(y, ly, bounds[slab, 1], bounds[slab, 3])
+            if (x_last - x_first + 1) * (y_last - y_first + 1) > BLOCK - n and n > 0:
+                break
+        for kx in range(x_first, x_last + 1):
+            for ky in range(y_first, y_last + 1):
+                cell = bin_of(to_lattice, slab, x + kx * lx, y + ky * ly, h, w)
+                if cell < 0 or n == BLOCK:
+                    continue
+                cell_of[n, 0], cell_of[n, 1] = slab, cell
+                entry[n, 0], entry[n, 1], entry[n, 2] = unpack_direction(direction[i, 0], direction[i, 1])
+                entry[n, 3] = g[0]
+                if palette_index is not None:
+                    entry[n, 3] = g[voxel_of(palette_index, z_edges, lx, ly, x, y, z)]
+                entry[n, 4] = 1.0
+                if keep is not None:
+                    entry[n, 4] = 1.0 / keep[1 + max(0, min(int((z - z_top) * keep[0]), keep.size - 2))]
+                entry[n, 5] = 0.5 - (depth - edges[slab]) / (edges[slab + 1] - edges[slab])
+                n += 1
+        i += 1
+    return i, n
 
 
 @kernel
 def deposit(
-    position, direction, first, last, keep, z_top, lx, ly, periodic, relief, edges, region, to_lattice, bounds, start,
-    rays, ray_direction, drop, ray_weight, pixel_of, h, w, palette_index, z_edges, g, factor, y_weight, image, y_image,
+    position, direction, first, last, keep, z_top, lx, ly, periodic, relief, edges, region, to_lattice, bounds, only_ray,
+    start, rays, ray_direction, worth, pixel_of, h, w, palette_index, z_edges, g, image,
 ):
     """Adds the photons first..last-1 of one band to the slab images.
+
+    In passes over blocks of photons: which bin, which ray, what it is worth. Every table is larger than the cache, and
+    only when a pass does nothing but look up do the processor's misses overlap.
 
     Parameters
     ----------
     position (N, 3), direction (N, 2) : the map's.
     keep : (1 + D,) bins per mm and keep probabilities of the band, or None: all weights are 1.
     relief : (hx, hy) float64 control points or None.
-    edges, region, to_lattice, bounds, start, rays, ray_direction : of the `RayLattice` and its rays.
-    drop, ray_weight, factor : of `ray_weights`; pixel_of (Q,): pixel of each ray.
+    edges, region, to_lattice, bounds, only_ray, start, rays, ray_direction : of the `RayLattice` and its rays.
+    worth : of `ray_weights`; pixel_of (Q,): pixel of each ray.
     palette_index, z_edges : the voxels, or None when g is the same everywhere.
     g : (P,) anisotropy in the band.
-    y_weight : luminance of one W mm^-2 sr^-1.
-    image : (S, pixels) f4, added to: radiance outside but for `factor`.
-    y_image : (S, pixels) f4, the same times `factor` and `y_weight`: the batch's luminance, for the standard error.
+    image : (S, pixels) f4, added to: radiance outside but for the factor of `ray_weights`.
 
-    Returns
-    -------
-    (contributions, radiance added, summed over the pixels).
+    Returns the number of contributions.
     """
-    contributions, total = 0, 0.0
-    deepest = edges[edges.size - 1]
-    for i in range(first, last):
-        x, y, z = np.float64(position[i, 0]), np.float64(position[i, 1]), np.float64(position[i, 2])
-        if relief is None:
-            depth = z
-            if depth >= deepest:
-                continue
-        else:
-            if z >= deepest + 1.0:
-                continue
-            depth = max(0.0, z - height(relief, lx, ly, x, y))
-        slab = slab_of(edges, max(0.0, depth))
-        if slab < 0:
-            continue
-        weight = 1.0
-        if keep is not None:
-            weight = 1.0 / keep[1 + max(0, min(int((z - z_top) * keep[0]), keep.size - 2))]
-        anisotropy = g[0]
-        if palette_index is not None:
-            anisotropy = g[voxel_of(palette_index, z_edges, lx, ly, x, y, z)]
-        ux, uy, uz = unpack_direction(direction[i, 0], direction[i, 1])
-        along = (depth - edges[slab]) / (edges[slab + 1] - edges[slab])
-        x_first, x_last, y_first, y_last = 0, 0, 0, 0
-        if periodic:
-            x_first, x_last = image_range(x, lx, bounds[slab, 0], bounds[slab, 2])
-            y_first, y_last = image_range(y, ly, bounds[slab, 1], bounds[slab, 3])
-        for kx in range(x_first, x_last + 1):
-            for ky in range(y_first, y_last + 1):
-                cell = bin_of(to_lattice[slab], x + kx * lx, y + ky * ly, h, w)
-                if cell < 0:
-                    continue
-                for k in range(start[slab, cell], start[slab, cell + 1]):
-                    q = rays[slab, k]
-                    wx, wy, wz = ray_direction[region[slab], q]
-                    phase = phase_hg(-(ux * wx + uy * wy + uz * wz), anisotropy)
-                    passed = math.exp((0.5 - along) * drop[slab, q])
-                    value = np.float32(weight * phase * passed) * ray_weight[slab, q]
-                    pixel = pixel_of[q]
-                    image[slab, pixel] += value
-                    shown = value * factor[slab, pixel]
-                    y_image[slab, pixel] += shown * y_weight
-                    total += shown
+    entry, cell_of, ray = np.empty((BLOCK, 6)), np.empty((BLOCK, 2), np.int64), np.empty(BLOCK, np.int64)
+    contributions = 0
+    i = first
+    while i < last:
+        i, n = find_cells(
+            position, direction, i, last, keep, z_top, lx, ly, periodic, relief, edges, to_lattice, bounds, h, w,
+            palette_index, z_edges, g, entry, cell_of,
+        )  # fmt: skip
+        for k in range(n):
+            ray[k] = only_ray[cell_of[k, 0], cell_of[k, 1]]
+        for k in range(n):
+            slab, q = cell_of[k, 0], ray[k]
+            if q >= 0:
+                value = connect(
+                    slab, q, entry[k, 0], entry[k, 1], entry[k, 2], entry[k, 3], entry[k, 5], region, ray_direction, worth
+                )
+                entry[k, 0] = entry[k, 4] * value
+                ray[k] = pixel_of[q]
+            elif q == SEVERAL_RAYS:
+                cell = cell_of[k, 1]
+                for j in range(start[slab, cell], start[slab, cell + 1]):
+                    q = rays[slab, j]
+                    value = connect(
+                        slab, q, entry[k, 0], entry[k, 1], entry[k, 2], entry[k, 3], entry[k, 5], region, ray_direction,
+                        worth,
+                    )  # fmt: skip
+                    image[slab, pixel_of[q]] += np.float32(entry[k, 4] * value)
                     contributions += 1
-    return contributions, total
+        for k in range(n):
+            if ray[k] >= 0:
+                image[cell_of[k, 0], ray[k]] += np.float32(entry[k, 0])
+                contributions += 1
+    return contributions

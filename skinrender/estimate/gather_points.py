@@ -37,7 +37,7 @@ def transmittance_share(fine, tau, pixel_of, pixel_depth, slab, along, x, y):
     pixel_depth (S + 1, pixels) of the pixels.
     """
     to_lattice, start, ray_of, h, w = fine
-    cell = bin_of(to_lattice[slab], x, y, h, w)
+    cell = bin_of(to_lattice, slab, x, y, h, w)
     if cell < 0 or start[slab, cell] == start[slab, cell + 1]:
         return 1.0
     q = ray_of[slab, start[slab, cell]]
@@ -50,7 +50,7 @@ def transmittance_share(fine, tau, pixel_of, pixel_depth, slab, along, x, y):
 def gather_points(
     position, direction, first, last, keep, z_top, lx, ly, periodic, relief, edges, radius, share, fine, fine_tau,
     pixel_of, region, to_lattice, bounds, start, rays, points, ray_direction, tau, h, w, palette_index, z_edges, g,
-    factor, y_weight, image, y_image,
+    factor, image,
 ):
     """Adds the photons first..last-1 of one band to all sample points whose sphere holds them.
 
@@ -59,7 +59,7 @@ def gather_points(
     of the pixels; factor (S, Q): march step / sphere volume x power, what a unit of transmitted phase function adds to
     the radiance outside. Else as `deposit.deposit`; image (Q,).
     """
-    contributions, total = 0, 0.0
+    contributions = 0
     slabs = edges.size - 1
     widest = radius.max()
     deepest = edges[slabs]
@@ -117,8 +117,6 @@ def gather_points(
                                     passed = math.exp(-((1.0 - along) * tau[own, q] + along * tau[own + 1, q]))
                                     shown = np.float32(weight * phase * passed) * factor[s, q]
                                     image[q] += shown
-                                    y_image[q] += shown * y_weight
-                                    total += shown
                                     contributions += 1
             s += 1
-    return contributions, total
+    return contributions

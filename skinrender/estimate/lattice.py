@@ -14,6 +14,8 @@ import numpy as np
 from skinrender.estimate.ray_paths import RayPaths
 from skinrender.transport import kernel
 
+NO_RAY, SEVERAL_RAYS = -1, -2
+
 
 @dataclass(frozen=True, eq=False)
 class RayLattice:
@@ -26,6 +28,7 @@ class RayLattice:
     to_lattice : (S, 2, 3) affine map from (x, y) to fractional (row, column) of the slab's bins.
     bin_area : (S,) mm2.
     bin_start : (S, h w + 1), ray_of : (S, Q) rays of each bin.
+    only_ray : (S, h w) the one ray of a bin, `NO_RAY`, or `SEVERAL_RAYS`: most photons need to look no further.
     bounds : (S, 4) lowest and highest x and y of the slab's bins, for the periodic images of a photon.
     """
 
@@ -35,6 +38,7 @@ class RayLattice:
     bin_area: np.ndarray
     bin_start: np.ndarray
     ray_of: np.ndarray
+    only_ray: np.ndarray
     bounds: np.ndarray
 
     @property
@@ -48,7 +52,10 @@ def make_lattice(rays: RayPaths, shape: tuple[int, int]) -> RayLattice:
     maps = np.array([_fit_bins(points, rays.hit, shape) for points in rays.point])
     start, order = _sort_rays(rays.point, rays.hit, maps, *shape)
     area = 1.0 / np.abs(np.linalg.det(maps[:, :, :2]))
-    return RayLattice(shape, rays, maps, area, start, order, np.array([_bin_bounds(m, shape) for m in maps]))
+    held = np.diff(start, axis=1)
+    first = np.take_along_axis(order, np.minimum(start[:, :-1], order.shape[1] - 1), axis=1)
+    only = np.where(held == 1, first, np.where(held == 0, NO_RAY, SEVERAL_RAYS)).astype(np.int32)
+    return RayLattice(shape, rays, maps, area, start, order, only, np.array([_bin_bounds(m, shape) for m in maps]))
 
 
 def _fit_bins(point: np.ndarray, hit: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
@@ -71,10 +78,11 @@ def _bin_bounds(to_lattice: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
 
 
 @kernel
-def bin_of(to_lattice, x, y, h, w):
-    """Bin of the point (x, y), or -1 outside the lattice."""
-    row = int(np.floor(to_lattice[0, 0] * x + to_lattice[0, 1] * y + to_lattice[0, 2] + 0.5))
-    column = int(np.floor(to_lattice[1, 0] * x + to_lattice[1, 1] * y + to_lattice[1, 2] + 0.5))
+def bin_of(to_lattice, slab, x, y, h, w):
+    """Bin of the point (x, y) in a slab, or -1 outside the lattice."""
+    m = to_lattice
+    row = int(np.floor(m[slab, 0, 0] * x + m[slab, 0, 1] * y + m[slab, 0, 2] + 0.5))
+    column = int(np.floor(m[slab, 1, 0] * x + m[slab, 1, 1] * y + m[slab, 1, 2] + 0.5))
     if row < 0 or row >= h or column < 0 or column >= w:
         return -1
     return row * w + column
@@ -89,7 +97,7 @@ def _sort_rays(point, hit, to_lattice, h, w):
     own = np.empty(count, np.int32)
     for s in range(slabs):
         for q in range(count):
-            own[q] = bin_of(to_lattice[s], point[s, q, 0], point[s, q, 1], h, w) if hit[q] else -1
+            own[q] = bin_of(to_lattice, s, point[s, q, 0], point[s, q, 1], h, w) if hit[q] else -1
             if own[q] >= 0:
                 start[s, own[q] + 1] += 1
         for k in range(h * w):

@@ -55,8 +55,13 @@ def estimate_point(stream: Stream, gather_count: int | None) -> ScatteredLight:
     totals = np.zeros(len(batches))
     seen = 0
     for band in stream.bands():
-        add = _gatherer(stream, band, radius, y_image, totals)
-        image, count = band.over_batches(batches, add, (h * w,))
+        y_weight = np.float32(stream.y_weight[band.index])
+
+        def enter(batch: int, image: np.ndarray, y_weight=y_weight) -> None:
+            totals[batch] += image.sum(dtype=np.float64)
+            y_image[batch] += image * y_weight
+
+        image, count = band.over_batches(batches, _gatherer(stream, band, radius), enter, (h * w,))
         seen += count
         radiance[:, :, band.index] = image.reshape(h, w)
     rounds = np.array([len(batch) for batch in batches])
@@ -65,7 +70,7 @@ def estimate_point(stream: Stream, gather_count: int | None) -> ScatteredLight:
     return ScatteredLight(radiance, batch_y, totals * scale / (h * w), rounds, seen / (h * w * stream.lattice.rays.slabs))
 
 
-def _gatherer(stream: Stream, band: Band, radius: np.ndarray, y_image: np.ndarray, totals: np.ndarray):
+def _gatherer(stream: Stream, band: Band, radius: np.ndarray):
     """The function that gathers one round of a band."""
     lattice, rays = stream.pixel_lattice, stream.pixel_lattice.rays
     edges = rays.depth_edges_mm
@@ -76,16 +81,12 @@ def _gatherer(stream: Stream, band: Band, radius: np.ndarray, y_image: np.ndarra
     finer = stream.lattice
     fine = None if stream.subpixels == 1 else (finer.to_lattice, finer.bin_start, finer.ray_of, *finer.shape)
     palette, g = band.anisotropy
-    y_weight = np.float32(stream.y_weight[band.index])
 
     def add(index: int, batch: int, image: np.ndarray) -> int:
-        count, total = gather_points(
+        return gather_points(
             *band.photons(index), edges, radius, share, fine, band.tau, stream.pixel_of, rays.region,
             lattice.to_lattice, lattice.bounds, lattice.bin_start, lattice.ray_of, rays.point, rays.direction,
-            band.pixel_depth, *lattice.shape, palette, stream.volume.z_edges_mm, g, factor, y_weight, image,
-            y_image[batch],
+            band.pixel_depth, *lattice.shape, palette, stream.volume.z_edges_mm, g, factor, image,
         )  # fmt: skip
-        totals[batch] += total
-        return count
 
     return add

@@ -179,20 +179,25 @@ class Band:
             float(s.volume.z_edges_mm[0]), lx, ly, s.volume.sides == "periodic", s.relief,
         )  # fmt: skip
 
-    def over_batches(self, batches: list[np.ndarray], add: Callable, shape: tuple[int, ...]) -> tuple[np.ndarray, int]:
-        """Run ``add(round, batch, image)`` over all rounds; a thread takes every n-th batch and has its own image.
+    def over_batches(
+        self, batches: list[np.ndarray], add: Callable, enter: Callable, shape: tuple[int, ...]
+    ) -> tuple[np.ndarray, int]:
+        """Run ``add(round, batch, image)`` over the rounds of each batch, then ``enter(batch, image)``.
 
-        Returns the sum of the images and of the counts that `add` returned.
+        A thread takes every n-th batch. Returns the sum of the batches' images and of the counts that `add` returned.
         """
         threads = min(self.stream.threads, len(batches))
 
         def run(thread: int) -> tuple[np.ndarray, int]:
-            image = np.zeros(shape, np.float32)
+            total, image = np.zeros(shape, np.float32), np.empty(shape, np.float32)
             count = 0
             for k in range(thread, len(batches), threads):
+                image[:] = 0.0
                 for index in batches[k]:
                     count += add(int(index), k, image)
-            return image, count
+                enter(k, image)
+                total += image
+            return total, count
 
         done = list(self.stream.pool.map(run, range(threads)))
         return np.sum([image for image, _ in done], axis=0), sum(count for _, count in done)

@@ -12,8 +12,8 @@ import numpy as np
 
 from skinrender.skin.volume import SkinVolume
 
-FULL_DEPTH = 2.0
-"""Optical depth down to which every photon is kept."""
+FULL_DEPTH = 1.0
+"""Optical depth down to which every photon is kept; below, all show equally."""
 LEAST = 1e-6
 BIN_MM = 0.005
 MAX_BINS = 1000

@@ -96,10 +96,11 @@ def test_volume_and_light_turned_by_a_quarter_reflect_the_same():
 
 
 def scaled(volume: SkinVolume, factor: float) -> SkinVolume:
+    surface = None if volume.surface_mm is None else volume.surface_mm * np.float32(factor)
     return replace(
-        volume, z_edges_mm=volume.z_edges_mm * factor, border_z_mm=volume.border_z_mm * factor,
+        volume, z_edges_mm=volume.z_edges_mm * factor, border_z_mm=volume.border_z_mm * factor, surface_mm=surface,
         size_mm=(volume.size_mm[0] * factor, volume.size_mm[1] * factor), mu_a=volume.mu_a / factor,
-        mu_s=volume.mu_s / factor, surface_mm=None if volume.surface_mm is None else volume.surface_mm * np.float32(factor),
+        mu_s=volume.mu_s / factor,
     )  # fmt: skip
 
 
@@ -117,7 +118,10 @@ def test_lengths_times_any_factor_scale_alike(factor):
     assert_same_means(rounds(volume, seed=1), rounds(scaled(volume, factor), seed=2))
 
 
-@pytest.mark.parametrize("layers", [STACK, [Layer(0.5, 0.0, 0.0), Layer(1.0, 1.0, 99.0, -0.5, 1.5)]], ids=["skin", "clear top"])
+CLEAR_TOP = [Layer(0.5, 0.0, 0.0), Layer(1.0, 1.0, 99.0, -0.5, 1.5)]
+
+
+@pytest.mark.parametrize("layers", [STACK, CLEAR_TOP], ids=["skin", "clear top"])
 def test_single_and_double_precision_agree(layers, monkeypatch):
     volume, walks = slab_volume(layers, below=1.0), []
     for real, seed in ((np.float32, 1), (np.float64, 2)):

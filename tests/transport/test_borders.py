@@ -10,13 +10,13 @@ import pytest
 from skinrender.estimate.deposit import unpack_direction
 from skinrender.photonmap.photon_pass import PhotonPass
 from skinrender.skin.spline import control_points, evaluate_grid
-from skinrender.transport import kernel, tally
+from skinrender.transport import kernel, lanes, tally
 from skinrender.transport.borders import enter_surface, stays_below
 from skinrender.transport.fresnel import fresnel
 from skinrender.transport.height_field import first_hit, height
-from skinrender.transport.lanes import LANES, PATH, UX, UY, UZ, X, Y, Z, Z_START, new_block
+from skinrender.transport.lanes import LANES, new_block
 from skinrender.transport.medium import make_relief
-from tests.stats import assert_mean, assert_same_means, assert_share
+from tests.stats import assert_same_means, assert_share
 from tests.volumes import Layer, beam, fractions, furrow, sky, slab_volume, walk_rounds
 
 N_TISSUE = 1.4
@@ -30,7 +30,7 @@ def tilted(slope_x, slope_y, size=1.0, samples=40):
 
 
 def dent(radius, rim, samples=200):
-    """Control points of a spherical dent of the unit patch: z = h(x, y) within `rim` mm of the middle, level outside."""
+    """Control points of a spherical dent within `rim` mm of the middle of the unit patch, level 0 around it."""
     center = (np.arange(samples) + 0.5) / samples - 0.5
     r2 = np.minimum(center[:, None] ** 2 + center[None, :] ** 2, rim * rim)
     return control_points(np.sqrt(radius * radius - r2) - np.sqrt(radius * radius - rim * rim)).astype(np.float32)
@@ -113,8 +113,8 @@ def doubtful_flights(f, relief, lx, ly, directions, starts, path, out):
     for i in range(path.size):
         x, y, z = starts[i, 0], starts[i, 1], starts[i, 2]
         ux, uy, uz = directions[i, 0], directions[i, 1], directions[i, 2]
-        f[X], f[Y], f[Z], f[Z_START] = x + ux * path[i], y + uy * path[i], z + uz * path[i], z
-        f[UX], f[UY], f[UZ], f[PATH] = ux, uy, uz, path[i]
+        f[lanes.X], f[lanes.Y], f[lanes.Z], f[lanes.Z_START] = x + ux * path[i], y + uy * path[i], z + uz * path[i], z
+        f[lanes.UX], f[lanes.UY], f[lanes.UZ], f[lanes.PATH] = ux, uy, uz, path[i]
         out[i, 0] = 1.0 if stays_below(f, 0, relief, 0, lx, ly) else 0.0
         out[i, 1] = first_hit(relief.heights[0], relief.cells[0], lx, ly, x, y, z, ux, uy, uz, path[i], 1.0)
 
@@ -165,7 +165,7 @@ def test_light_straight_through_a_furrow_is_dimmed_by_the_tissue_on_its_way(zeni
 
 
 @pytest.mark.parametrize("surface", [furrow(0.8), tilted(0.5, 0.3), dent(0.5, 0.4)], ids=["furrow", "saw", "dent"])
-@pytest.mark.parametrize("light", [beam(0.0), beam(60.0), beam(89.9), sky()], ids=["normal", "oblique", "grazing", "sky"])
+@pytest.mark.parametrize("light", [beam(0.0), beam(60.0), beam(89.9), sky()], ids=["0", "60", "89.9", "sky"])
 def test_steep_walls_lose_no_photon(surface, light):
     volume = slab_volume([Layer(1.0, 0.5, 20.0)], columns=(20, 20), planes=[20], surface=surface)
     walked = walk_rounds(PhotonPass(volume, light, 8), 4000, 3, store=True)
@@ -179,7 +179,7 @@ def test_clear_relief_as_inner_border_is_the_same_relief(light):
     tissue, air = Layer(1.0, 0.0, 0.0), Layer(0.5, 0.0, 0.0, n=1.0)
     plain = slab_volume([tissue], surface=surface)
     inner = replace(slab_volume([air, tissue]), border_mm=(surface + np.float32(air.thickness))[None])
-    walks = [walk_rounds(PhotonPass(volume, light, seed), 5000, 20) for volume, seed in ((plain, 1), (inner, 2))]
+    walks = [walk_rounds(PhotonPass(volume, light, seed), 1500, 20) for volume, seed in ((plain, 1), (inner, 2))]
     columns = [tally.REFLECTED, tally.TRANSMITTED, tally.REFLECTED_UNSCATTERED]
     assert_same_means(*([one.tallies[0, columns] for one in walked] for walked in walks))
 
@@ -191,11 +191,11 @@ def test_level_relief_reflects_as_a_plane(zenith):
     surface[0, 0] = -1e-5
     eta = 1.0 / N_TISSUE
     expected = fresnel(np.cos(np.radians(zenith)), eta)[0]
-    for size in (1.0, 0.01):
+    for size in (1.0, 0.1):
         volume = slab_volume([Layer(1.0, 50.0, 0.0)], surface=surface, planes=[4], size=(size, size))
         volume = replace(volume, z_edges_mm=np.concatenate([[-0.1], volume.z_edges_mm[1:]]))
-        walked = walk_rounds(PhotonPass(volume, beam(zenith, 20.0, position=(0.0, 0.0)), 9), 20_000)[0]
-        assert_share(walked.tallies[0, tally.SPECULAR], 20_000, expected, 8)
+        walked = walk_rounds(PhotonPass(volume, beam(zenith, 20.0), 9), 10_000)[0]
+        assert_share(walked.tallies[0, tally.SPECULAR], 10_000, expected, 8)
 
 
 def test_zero_relief_walks_the_same_histories_as_none():

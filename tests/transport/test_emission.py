@@ -8,7 +8,12 @@ import pytest
 from skinrender.photonmap.light import rectangle_solid_angle
 from skinrender.transport import kernel
 from skinrender.transport.emission import (
-    collimated_parameters, emit, point_parameters, rectangle_constants, sky_parameters, spherical_rectangle,
+    collimated_parameters,
+    emit,
+    point_parameters,
+    rectangle_constants,
+    sky_parameters,
+    spherical_rectangle,
     tile_position,
 )  # fmt: skip
 from tests.stats import assert_fits

@@ -5,35 +5,86 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skinrender.transport.gather import BRICK, NEVER_ABSORB, NEVER_SCATTER, gather, palette_entry, plane_of
-from skinrender.transport.lanes import (
-    ABSORB_ABOVE, BORDER, G, IX, IY, IZ, LANES, SCATTER_BELOW, TISSUE, Z, new_block,
-)  # fmt: skip
-from skinrender.transport.medium import make_grid
+from skinrender.transport import lanes
+from skinrender.transport.gather import BRICK, NEVER_ABSORB, NEVER_SCATTER, gather
+from skinrender.transport.lanes import LANES, new_block
+from skinrender.transport.medium import make_grid, make_rows
+from tests.transport.block import row
 
+PLANES, ENTRIES, SLABS = 24, 700, 4
 COARSE_CELLS = 4096
 
 
 def volume(nx, ny, seed=1):
-    """Palette volume of uniform, striped and random planes, some thinner than a coarse depth cell."""
+    """Palette volume of uniform, random and striped planes, some thinner than a coarse depth cell."""
     rng = np.random.default_rng(seed)
-    edges = np.concatenate([[0.0], np.cumsum(rng.choice([1e-4, 5e-3, 0.05, 1.0], 24))])
-    index = np.empty((nx, ny, 24), np.uint16)
+    edges = np.concatenate([[0.0], np.cumsum(rng.choice([1e-4, 5e-3, 0.05, 1.0], PLANES))])
+    index = np.empty((nx, ny, PLANES), np.uint16)
     index[:, :, :8] = np.arange(1, 9)
-    index[:, :, 8:16] = rng.integers(0, 700, (nx, ny, 8))
+    index[:, :, 8:16] = rng.integers(0, ENTRIES, (nx, ny, 8))
     index[:, :, 16:] = 11 + (np.arange(nx)[:, None, None] // BRICK) % 3
     return index, edges
+
+
+def numbered_rows():
+    """Rows whose members tell slab and palette entry."""
+    slab, entry = np.mgrid[:SLABS, :ENTRIES]
+    thresholds = np.stack([1000 * slab + entry, -1000 * slab - entry - 1], axis=-1).astype(np.int32)
+    return make_rows(thresholds, np.linspace(-0.9, 0.9, ENTRIES), np.arange(ENTRIES) % 9)
+
+
+def gathered(index, edges, ix, iy, z, real=np.float32, border=None):
+    """Buffers after a gather at columns (n,) and depths (n,), n lanes at most."""
+    grid, rows = make_grid(index, edges, real)[0], numbered_rows()
+    f, w = new_block(real)
+    n = len(z)
+    row(f, lanes.Z, n)[:] = z
+    row(w, lanes.IX, n)[:], row(w, lanes.IY, n)[:] = ix, iy
+    row(w, lanes.IZ, n)[:] = np.clip(row(f, lanes.Z, n) * real(COARSE_CELLS / edges[-1]), 0, COARSE_CELLS - 1)
+    row(w, lanes.BORDER, n)[:] = 0 if border is None else border
+    row(f, lanes.G, n)[:], row(w, lanes.TISSUE, n)[:] = -2.0, -2
+    plane_row = (np.arange(PLANES) % SLABS * ENTRIES).astype(np.int32)
+    gather(f, w, n, grid, plane_row, rows, rows.view(np.float32))
+    return f, w
 
 
 @pytest.mark.parametrize("nx, ny", [(1, 1), (5, 3), (16, 32), (50, 17), (129, 40)])
 def test_every_voxel_is_found(nx, ny):
     index, edges = volume(nx, ny)
-    grid = make_grid(index, edges, np.float32)[0]
     rng = np.random.default_rng(2)
-    for ix, iy, plane in zip(rng.integers(0, nx, 500), rng.integers(0, ny, 500), rng.integers(0, 24, 500)):
-        assert palette_entry(grid, np.int32(ix), np.int32(iy), plane) == index[ix, iy, plane]
-    for ix, iy in ((0, 0), (nx - 1, 0), (0, ny - 1), (nx - 1, ny - 1)):
-        assert [palette_entry(grid, np.int32(ix), np.int32(iy), k) for k in range(24)] == index[ix, iy].tolist()
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    for _ in range(10):
+        ix, iy, plane = (rng.integers(0, count, LANES) for count in (nx, ny, PLANES))
+        ix[:4], iy[:4] = [0, nx - 1, 0, nx - 1], [0, 0, ny - 1, ny - 1]
+        f, w = gathered(index, edges, ix, iy, middle[plane])
+        entry, slab = index[ix, iy, plane].astype(int), plane % SLABS
+        assert np.array_equal(row(w, lanes.SCATTER_BELOW), 1000 * slab + entry)
+        assert np.array_equal(row(w, lanes.ABSORB_ABOVE), -1000 * slab - entry - 1)
+        assert np.array_equal(row(f, lanes.G), np.linspace(-0.9, 0.9, ENTRIES)[entry].astype(np.float32))
+        assert np.array_equal(row(w, lanes.TISSUE), entry % 9)
+
+
+@pytest.mark.parametrize("real", [np.float32, np.float64])
+def test_plane_of_any_depth(real):
+    """Also on edges and a rounding beside them, and a little beyond both ends."""
+    index, edges = volume(1, 1)
+    index[0, 0] = np.arange(PLANES)
+    rng = np.random.default_rng(3)
+    z = [rng.uniform(0.0, edges[-1], 300), edges, np.nextafter(edges, 0), edges + 1e-5, [-1e-6]]
+    z = np.concatenate(z).astype(real)
+    _, w = gathered(index, edges, 0, 0, z, real)
+    expected = np.clip(np.searchsorted(edges.astype(real), z, side="right") - 1, 0, PLANES - 1)
+    assert np.array_equal(row(w, lanes.SCATTER_BELOW, z.size) % 1000, expected)
+
+
+def test_a_lane_on_a_border_cannot_collide():
+    index, edges = volume(4, 4)
+    border = np.arange(100) % 5 == 0
+    f, w = gathered(index, edges, 1, 1, np.full(100, 0.5 * edges[-1]), border=border)
+    assert np.array_equal(row(w, lanes.SCATTER_BELOW, 100) == NEVER_SCATTER, border)
+    assert np.array_equal(row(w, lanes.ABSORB_ABOVE, 100) == NEVER_ABSORB, border)
+    assert np.array_equal(row(f, lanes.G, 100) == -2.0, border)
+    assert np.array_equal(row(w, lanes.TISSUE, 100) == -2, border)
 
 
 def test_uniform_bricks_are_stored_once():
@@ -46,41 +97,4 @@ def test_uniform_bricks_are_stored_once():
 def test_what_each_plane_holds():
     index, edges = volume(20, 20)
     holds = make_grid(index, edges, np.float32)[1]
-    assert all(set(np.flatnonzero(holds[k])) == set(np.unique(index[:, :, k])) for k in range(24))
-
-
-@pytest.mark.parametrize("real", [np.float32, np.float64])
-def test_plane_of_any_depth(real):
-    index, edges = volume(1, 1)
-    grid = make_grid(index, edges, real)[0]
-    rng = np.random.default_rng(3)
-    z = np.concatenate([rng.uniform(0.0, edges[-1], 2000), edges, np.nextafter(edges, 0), edges + 1e-5]).astype(real)
-    z = z[(z >= 0.0) & (z <= grid.plane_edge[-1])]
-    coarse = np.minimum(z * real(COARSE_CELLS / edges[-1]), COARSE_CELLS - 1).astype(np.int32)
-    found = [plane_of(grid, c, value) for c, value in zip(coarse, z)]
-    assert np.array_equal(found, np.clip(np.searchsorted(grid.plane_edge, z, side="right") - 1, 0, 23))
-
-
-def test_a_lane_collides_in_its_voxel_and_never_on_a_border():
-    index, edges = volume(40, 40)
-    grid = make_grid(index, edges, np.float32)[0]
-    rng = np.random.default_rng(4)
-    plane_slab = np.repeat(np.arange(4), 6).astype(np.int32)
-    thresholds = rng.integers(-(2**31), 2**31, (4, 700, 2)).astype(np.int32)
-    anisotropy, layer = rng.uniform(-1, 1, 700).astype(np.float32), rng.integers(0, 9, 700).astype(np.int32)
-    f, w = new_block(np.float32)
-    lanes = np.arange(LANES)
-    plane = rng.integers(0, 24, LANES)
-    f[Z + lanes] = (0.5 * (edges[1:] + edges[:-1]))[plane]
-    w[IX + lanes], w[IY + lanes] = rng.integers(0, 40, (2, LANES))
-    w[IZ + lanes] = f[Z + lanes] * (COARSE_CELLS / edges[-1])
-    w[BORDER + lanes] = lanes % 5 == 0
-    f[G + lanes], w[TISSUE + lanes] = -2.0, -2
-    gather(f, w, LANES, grid, plane_slab, thresholds, anisotropy, layer)
-    border = w[BORDER + lanes] == 1
-    entry = index[w[IX + lanes], w[IY + lanes], plane]
-    slab = plane_slab[plane]
-    assert np.array_equal(w[SCATTER_BELOW + lanes], np.where(border, NEVER_SCATTER, thresholds[slab, entry, 0]))
-    assert np.array_equal(w[ABSORB_ABOVE + lanes], np.where(border, NEVER_ABSORB, thresholds[slab, entry, 1]))
-    assert np.array_equal(f[G + lanes], np.where(border, np.float32(-2), anisotropy[entry]))
-    assert np.array_equal(w[TISSUE + lanes], np.where(border, -2, layer[entry]))
+    assert all(set(np.flatnonzero(holds[k])) == set(np.unique(index[:, :, k])) for k in range(PLANES))

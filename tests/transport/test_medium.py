@@ -7,12 +7,18 @@ import itertools
 import numpy as np
 import pytest
 
+from skinrender.transport import lanes
 from skinrender.transport.borders import majorant_depth
-from skinrender.transport.lanes import LANES, M, UX, UZ, Z, new_block
+from skinrender.transport.lanes import LANES, new_block
 from skinrender.transport.medium import (
-    block_type, choose_slabs, flight_constants, make_majorant, without_air,
+    block_type,
+    choose_slabs,
+    flight_constants,
+    make_majorant,
+    without_air,
 )  # fmt: skip
 from skinrender.transport.move import SLABS, fly
+from tests.transport.block import row
 
 
 def planes(seed, count=9):
@@ -64,10 +70,10 @@ def depth_error_mm(mu_t, edges):
     f, w = new_block(real)
     w[:] = np.random.default_rng(1).integers(-(2**31), 2**31, w.size)
     z = np.linspace(0.0, edges[-1], LANES)
-    f[M : M + LANES] = [majorant_depth(majorant, value) for value in z]
-    f[UX : UX + LANES], f[UZ : UZ + LANES] = 1.0, 0.0
+    row(f, lanes.M)[:] = [majorant_depth(majorant, value) for value in z]
+    row(f, lanes.UX)[:], row(f, lanes.UZ)[:] = 1.0, 0.0
     fly(f, w, LANES, flight_constants(majorant, real))
-    return np.abs(f[Z : Z + LANES] - z).max(), np.diff(edges).min()
+    return np.abs(row(f, lanes.Z) - z).max(), np.diff(edges).min()
 
 
 STIFF = {

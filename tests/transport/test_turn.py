@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 
 from skinrender.estimate.deposit import unpack_direction
-from skinrender.transport import kernel
-from skinrender.transport.lanes import (
-    ABSORB_ABOVE, ABSORBED, ARRIVED, EVENT, G, LANES, NULL, SCATTER_BELOW, SCATTERED, UX, UY, UZ, new_block,
-)  # fmt: skip
+from skinrender.transport import kernel, lanes
+from skinrender.transport.lanes import LANES, new_block
 from skinrender.transport.medium import collision_thresholds
 from skinrender.transport.phase import phase_hg
 from skinrender.transport.rng import next_word, seed_words, uniform
 from skinrender.transport.turn import collide, deflect, henyey_greenstein, pack_direction
 from tests.stats import assert_fits, assert_mean, assert_share, bin_probabilities
+from tests.transport.block import row
 
 ANISOTROPY = [-0.9, -0.3, 0.0, 1e-9, 0.5, 0.8, 0.95, 0.99, 0.999]
 AXES = [(0.0, 0.0, 1.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (1e-6, 0.0, -1.0), (0.6, 0.0, -0.8)]
@@ -160,19 +159,19 @@ def collision_block():
         for k in range(3):
             words[i, k], *state = next_word(*map(np.int32, state))
     directions = unit_vectors(LANES - len(AXES), seed=5)
-    f[UX : UX + LANES], f[UY : UY + LANES], f[UZ : UZ + LANES] = directions.T
-    f[G : G + LANES] = np.resize(np.float32([-0.9, 0.0, 0.5, 0.8, 0.95]), LANES)
+    row(f, lanes.UX)[:], row(f, lanes.UY)[:], row(f, lanes.UZ)[:] = directions.T
+    row(f, lanes.G)[:] = np.resize(np.float32([-0.9, 0.0, 0.5, 0.8, 0.95]), LANES)
     return f, w, words, directions.astype(float)
 
 
 def test_collision_of_given_words_has_the_closed_form():
     f, w, words, before = collision_block()
-    w[SCATTER_BELOW : SCATTER_BELOW + LANES] = 2**31 - 1
-    w[ABSORB_ABOVE : ABSORB_ABOVE + LANES] = 2**31 - 1
-    g = f[G : G + LANES].astype(float)
+    row(w, lanes.SCATTER_BELOW)[:] = 2**31 - 1
+    row(w, lanes.ABSORB_ABOVE)[:] = 2**31 - 1
+    g = row(f, lanes.G).astype(float)
     collide(f, w, LANES)
-    after = f.reshape(-1, LANES)[[UX // LANES, UY // LANES, UZ // LANES]].T.astype(float)
-    assert np.all(w[EVENT : EVENT + LANES] == SCATTERED)
+    after = f.reshape(-1, LANES)[[lanes.UX // LANES, lanes.UY // LANES, lanes.UZ // LANES]].T.astype(float)
+    assert np.all(row(w, lanes.EVENT) == lanes.SCATTERED)
     u = (words[:, 1].view(np.uint32) // 2 + 0.5) / 2.0**31
     base = 1.0 - g + 2.0 * g * u
     v = (1.0 - g) * (1.0 - u) * ((1.0 - g * g) / base + 1.0 - g) / base
@@ -188,22 +187,22 @@ def test_collision_of_given_words_has_the_closed_form():
     assert np.allclose((after * b).sum(axis=1), sin * np.sin(azimuth), atol=3e-5)
     codes = np.empty(LANES, np.int32)
     packed(before.astype(np.float32), codes)
-    assert np.array_equal(w[ARRIVED : ARRIVED + LANES], codes)
+    assert np.array_equal(row(w, lanes.ARRIVED), codes)
 
 
 def test_thresholds_decide_to_the_very_word():
     f, w, words, before = collision_block()
     r = words[:, 0].astype(np.int64)
-    scatter, absorb = (w[k : k + LANES] for k in (SCATTER_BELOW, ABSORB_ABOVE))
+    scatter, absorb = (row(w, k) for k in (lanes.SCATTER_BELOW, lanes.ABSORB_ABOVE))
     kind = np.arange(LANES) % 4
     scatter[:] = np.clip(np.where(kind == 0, r + 1, np.where(kind == 2, r - 100, r)), -(2**31), 2**31 - 1)
     absorb[:] = np.clip(np.where(kind == 2, r - 1, r), -(2**31), 2**31 - 1)
     collide(f, w, LANES)
-    event = w[EVENT : EVENT + LANES]
-    assert np.array_equal(event, np.array([SCATTERED, NULL, ABSORBED, NULL])[kind])
-    after = f.reshape(-1, LANES)[[UX // LANES, UY // LANES, UZ // LANES]].T
+    event = row(w, lanes.EVENT)
+    assert np.array_equal(event, np.array([lanes.SCATTERED, lanes.NULL, lanes.ABSORBED, lanes.NULL])[kind])
+    after = f.reshape(-1, LANES)[[lanes.UX // LANES, lanes.UY // LANES, lanes.UZ // LANES]].T
     moved = np.any(after != before.astype(np.float32), axis=1)
-    assert moved[event == SCATTERED].all() and not moved[event != SCATTERED].any()
+    assert moved[event == lanes.SCATTERED].all() and not moved[event != lanes.SCATTERED].any()
 
 
 def chance(mu_a, mu_s, majorant):
@@ -231,10 +230,10 @@ def test_what_cannot_happen_has_no_word_at_all():
 def test_events_occur_in_their_shares():
     f, w, _, _ = collision_block()
     scatter, absorb = collision_thresholds(np.array([1.5]), np.array([5.0]), np.array([8.0]))[0, 0]
-    w[SCATTER_BELOW : SCATTER_BELOW + LANES], w[ABSORB_ABOVE : ABSORB_ABOVE + LANES] = scatter, absorb
+    row(w, lanes.SCATTER_BELOW)[:], row(w, lanes.ABSORB_ABOVE)[:] = scatter, absorb
     counts = np.zeros(3, int)
     for _ in range(400):
         collide(f, w, LANES)
-        counts += np.bincount(w[EVENT : EVENT + LANES], minlength=3)
-    for event, share in ((NULL, 1.5 / 8), (SCATTERED, 5 / 8), (ABSORBED, 1.5 / 8)):
+        counts += np.bincount(row(w, lanes.EVENT), minlength=3)
+    for event, share in ((lanes.NULL, 1.5 / 8), (lanes.SCATTERED, 5 / 8), (lanes.ABSORBED, 1.5 / 8)):
         assert_share(counts[event], counts.sum(), share, 3)
