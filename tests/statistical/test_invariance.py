@@ -134,14 +134,14 @@ WALK_IN_PYTHON = """
 import json
 import numpy as np
 from tests.statistical.test_invariance import few_photons
-one = few_photons()
-print(json.dumps([one.tallies.tolist(), one.position.tolist()]))
+print(json.dumps([[one.tallies.tolist(), one.position.tolist()] for one in few_photons()]))
 """
 
 
 def few_photons():
-    volume = slab_volume([Layer(0.1, 4.0, 20.0, 0.8, 1.5), Layer(0.2, 2.0, 10.0, 0.0, 1.3)], planes=[2, 2])
-    return photons(volume, sky(), histories=25, seed=7)
+    layers = [Layer(0.1, 4.0, 20.0, 0.8, 1.5), Layer(0.2, 2.0, 10.0, 0.0, 1.3)]
+    volumes = [slab_volume(layers, planes=[2, 2], surface=surface) for surface in (None, furrow(0.05, samples=20))]
+    return [photons(volume, sky(), histories=20, seed=7) for volume in volumes]
 
 
 def test_kernels_walk_the_same_as_plain_python(repository):
@@ -150,7 +150,6 @@ def test_kernels_walk_the_same_as_plain_python(repository):
     command = [sys.executable, "-W", "ignore::RuntimeWarning", "-c", WALK_IN_PYTHON]
     run = subprocess.run(command, env=environment, cwd=repository, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
-    tallies, position = json.loads(run.stdout)
-    compiled = few_photons()
-    assert tallies == compiled.tallies.tolist()
-    assert len(position) > 20 and np.allclose(position, compiled.position, atol=1e-5)
+    for compiled, (tallies, position) in zip(few_photons(), json.loads(run.stdout), strict=True):
+        assert tallies == compiled.tallies.tolist()
+        assert len(position) > 20 and np.allclose(position, compiled.position, atol=1e-5)
