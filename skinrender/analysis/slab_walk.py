@@ -107,7 +107,8 @@ def stack_scene(
     try:
         return make_scene(described)
     except InputError as error:
-        raise InputError(f"no scene can be made of its layers\n{error}", where=record.where) from None
+        told = "\n  ".join(str(error).splitlines())
+        raise InputError("no scene can be made of its layers", where=record.where, remedy=told) from None
 
 
 def parts(stack: Stack, cuts_mm: Sequence[float] = ()) -> list[tuple[int, float, float]]:

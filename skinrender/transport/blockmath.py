@@ -40,7 +40,7 @@ def log_unit(u):
 
 @block_kernel
 def cos_sin_turn(turn):
-    """cos and sin of 2 pi `turn`, turn in [-1/2, 1/2]; absolute error 1e-7 (half-angle polynomials)."""
+    """cos and sin of 2 pi `turn`, turn in [-1/2, 1/2]; absolute error 4e-7 (half-angle polynomials)."""
     q = turn * turn
     s = turn * (_S0 + q * (_S1 + q * (_S2 + q * (_S3 + q * _S4))))
     c = _C0 + q * (_C1 + q * (_C2 + q * (_C3 + q * _C4)))

@@ -181,7 +181,7 @@ def enter_surface(words, lane, borders, relief, x, y, z, ux, uy, uz, started):
             if relief is not None:
                 reach = 4.0 * (lx + ly)
                 if uz > 0.0:
-                    reach = min(reach, (borders.table[0, SAFE_TOP] + 1e-3 - z) / uz)
+                    reach = (borders.table[0, SAFE_TOP] + 1e-3 - z) / uz
                 elif uz < 0.0:
                     reach = min(reach, z / -uz + 1e-3)
                 if reach <= 0.0:

@@ -38,7 +38,7 @@ def spherical_rectangle(c, u, v):
     """Point (x, y) of a rectangle, uniform in solid angle seen from the origin; c of `rectangle_constants`."""
     x0, y0, x1, y1, distance, m0, m2, start, solid_angle = c
     turn = start + u * solid_angle
-    slope = (math.cos(turn) * m0 - m2) / math.sin(turn)
+    slope = (m2 - math.cos(turn) * m0) / math.sin(turn)
     cu = math.copysign(1.0, slope) / math.sqrt(slope * slope + m0 * m0)
     cu = max(-1.0, min(1.0, cu))
     x = cu * distance / math.sqrt(max(1.0 - cu * cu, 1e-300))

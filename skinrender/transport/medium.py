@@ -98,7 +98,8 @@ def choose_slabs(plane_mu_t: np.ndarray, z_edges_mm: np.ndarray, fluence_depth_m
             through = cost[k - 1, :end] + slab_cost
             best = int(np.argmin(through))
             cost[k, end], start[k, end] = through[best], best
-    count = int(np.argmin(cost[1:, planes])) + 1
+    # the fewest slabs that are as good as the best: equal planes are one slab, however many they are
+    count = int(np.argmax(cost[1:, planes] <= cost[1:, planes].min() * (1.0 + 1e-12))) + 1
     first = []
     end = planes
     for k in range(count, 0, -1):
@@ -124,7 +125,7 @@ def flight_constants(majorant: np.ndarray, real: type) -> np.ndarray:
     """Constants of `move.fly`: lower optical depths, first reciprocal majorant and its changes, padded to SLABS."""
     free_path = 1.0 / majorant[:, 2]
     slabs = len(majorant)
-    lower = np.full(SLABS - 1, np.finfo(np.float32).max)
+    lower = np.full(SLABS - 1, float(np.finfo(np.float32).max))
     change = np.zeros(SLABS - 1)
     lower[: slabs - 1] = majorant[1:, 1]
     change[: slabs - 1] = np.diff(free_path)
@@ -143,13 +144,22 @@ def collision_thresholds(mu_a: np.ndarray, mu_s: np.ndarray, majorant_mu_t: np.n
 
 
 def block_type(majorant: np.ndarray, z_edges_mm: np.ndarray) -> type:
-    """float32, or float64 where float32 can't resolve the thinnest plane or slab (to a thousandth) at its depth."""
+    """float32, or float64 where float32 can't resolve the thinnest plane or slab (to a thousandth) at its depth.
+
+    `move.fly` makes depth from optical depth times free path, summed over the slabs: under, over and in a clear layer
+    small numbers are left of large ones. What is rounded away has to stay below a hundredth of the thinnest plane and
+    of the shortest free path.
+    """
     z, tau, mu_t = majorant[-1]
     depth = np.append(majorant[:, 1], tau + mu_t * (z_edges_mm[-1] - z))
+    free_path = 1.0 / majorant[:, 2]
+    changes = np.abs(np.diff(free_path)) * (depth[-1] - depth[1:-1])
+    largest = max((free_path * depth[1:]).max(), changes.max(initial=0.0))
+    rounded_away = 2.0**-24 * largest > 0.01 * min(np.diff(z_edges_mm).min(), free_path.min())
     resolved = 2.0**-24 * 1e3
     thin_plane = (np.diff(z_edges_mm) < resolved * z_edges_mm[1:]).any()
     thin_slab = (np.diff(depth) < resolved * depth[1:]).any()
-    return np.float64 if thin_plane or thin_slab or depth[-1] > 2000.0 else np.float32
+    return np.float64 if thin_plane or thin_slab or rounded_away or depth[-1] > 2000.0 else np.float32
 
 
 def make_relief(heights: list[np.ndarray], size_mm: tuple[float, float]) -> Relief | None:
@@ -200,6 +210,7 @@ def make_rows(thresholds: np.ndarray, g: np.ndarray, layer: np.ndarray) -> np.nd
     slabs, entries = thresholds.shape[:2]
     rows = np.empty((slabs, entries, 4), np.int32)
     rows[..., :2] = thresholds
-    rows[..., 2] = g.astype(np.float32).view(np.int32)
+    below_one = np.nextafter(np.float32(1.0), np.float32(0.0))  # a g that rounds to 1 would make 0/0 of the sampler
+    rows[..., 2] = np.clip(g.astype(np.float32), -below_one, below_one).view(np.int32)
     rows[..., 3] = layer
     return rows.reshape(-1, 4)

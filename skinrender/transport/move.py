@@ -46,8 +46,9 @@ def fly(f, w, n, slabs):
         z1 = d0 * m1 + d1 * max(m1 - b1, zero) + d2 * max(m1 - b2, zero) + d3 * max(m1 - b3, zero) + d4 * max(m1 - b4, zero)
         here = d0 + (d1 if m0 > b1 else zero) + (d2 if m0 > b2 else zero) + (d3 if m0 > b3 else zero) + (d4 if m0 > b4 else zero)
         # z1 - z0 cancels digits in level flight; tau / majorant is the same number unless the flight crosses a slab's edge,
-        # and then only the lateral step of a flight that hardly sinks is off
-        path = tau * here if abs(z1 - z0) < np.float32(1e-3) * z0 else (z1 - z0) / uz
+        # and then they disagree by more than rounding
+        local, sunk = tau * here, z1 - z0
+        path = local if abs(sunk - uz * local) <= np.float32(1e-5) * z0 else sunk / uz
         f[M + i] = m1
         f[Z + i] = z1
         f[Z_START + i] = z0

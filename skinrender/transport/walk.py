@@ -25,7 +25,10 @@ from skinrender.transport.tally import (
     TRANSMITTED_UNSCATTERED,
 )
 
-EMPTY = -1  # value of a lane's FRESH when no history is left for it
+EMPTY = -1  # value of a lane's FRESH when its photon has left and no other is in it
+# The vectorized passes run over whole groups of lanes (4 vectors of 16 floats): the scalar rest of such a loop rounds
+# otherwise, and a history would depend on how many others are in flight.
+_GROUP = 64
 
 
 @kernel
@@ -114,7 +117,7 @@ def move_lane(f, w, source, target):
 
 @kernel
 def settle(f, w, n, source, medium, relief, light, keep, position, direction, stored, tally, cursor):
-    """Last pass: stores the scattering events, ends the absorbed photons and launches others in their lanes.
+    """Last pass: stores the scattering events, ends the absorbed photons and launches others in the free lanes.
 
     Returns (photons stored so far, whether a lane is left empty).
     """
@@ -133,8 +136,9 @@ def settle(f, w, n, source, medium, relief, light, keep, position, direction, st
                 if fresh & STRAIGHT == 0 and kept(w, i, f[Z + i] + z_top, z_top, keep):
                     store_photon(f, w, i, stored, position, direction, z_top)
                     stored += 1
-        elif event == ABSORBED:
-            tally[PER_LAYER + w[TISSUE + i]] += 1
+        elif event == ABSORBED or w[FRESH + i] == EMPTY:
+            if event == ABSORBED:
+                tally[PER_LAYER + w[TISSUE + i]] += 1
             if not launch(f, w, i, source, borders, majorant, relief, light, tally, cursor):
                 w[FRESH + i] = EMPTY
                 holes = True
@@ -145,20 +149,19 @@ def settle(f, w, n, source, medium, relief, light, keep, position, direction, st
 
 
 @kernel
-def meet_borders(f, w, n, source, medium, relief, light, tally, exits, cursor):
-    """Follows the few flights that may have met a border; relaunches the lanes of photons that left."""
+def meet_borders(f, w, n, medium, relief, tally, exits):
+    """Follows the few flights that may have met a border; the lane of a photon that left is free.
+
+    It is not used again before `settle`: this step's collision would take numbers of the new history.
+    """
     borders, majorant = medium.borders, medium.majorant
-    holes = False
     for i in range(n):
         if w[BORDER + i] != 0:
             status = cross(f, w, i, borders, majorant, relief)
             tally[BORDER_HITS] += w[BORDER + i]
             if status != INSIDE:
                 leave(f, w, i, status, tally, exits)
-                if not launch(f, w, i, source, borders, majorant, relief, light, tally, cursor):
-                    w[FRESH + i] = EMPTY
-                    holes = True
-    return holes
+                w[FRESH + i] = EMPTY
 
 
 @kernel
@@ -182,7 +185,7 @@ def walk(f, w, source, light, medium, relief, keep, position, direction, tally, 
     ----------
     f, w : buffers of `lanes.new_block`.
     source : (key, first index, count, tiles x, tiles y, depth of the mean plane, store first scatterings).
-    light : parameters of `emission.light_parameters`.
+    light : parameters of a lamp, see `emission`.
     medium, relief : `medium.Medium` of the band; `borders.Relief` or None.
     keep : roulette on storage, see `kept`, or None.
     position, direction : (3 n,) float32 and (n,) int32 to fill, n > LANES, or None: nothing is stored.
@@ -200,19 +203,20 @@ def walk(f, w, source, light, medium, relief, keep, position, direction, tally, 
         while n < LANES and launch(f, w, n, source, medium.borders, medium.majorant, relief, light, tally, cursor):
             n += 1
     while n > 0 and stored <= room:
-        fly(f, w, n, medium.slabs)
+        whole = (n + _GROUP - 1) // _GROUP * _GROUP
+        fly(f, w, whole, medium.slabs)
         if medium.borders.sides == PERIODIC:
-            wrap(f, n, medium.period[0], medium.period[1])
+            wrap(f, whole, medium.period[0], medium.period[1])
         else:
-            mark_sides(f, w, n, medium.period[0], medium.period[1])
-        holes_left = meet_borders(f, w, n, source, medium, relief, light, tally, exits, cursor)
-        locate(f, w, n, medium.cells_per_mm, medium.last_cell)
+            mark_sides(f, w, whole, medium.period[0], medium.period[1])
+        meet_borders(f, w, n, medium, relief, tally, exits)
+        locate(f, w, whole, medium.cells_per_mm, medium.last_cell)
         gather(f, w, n, medium.grid, medium.plane_row, medium.rows, medium.rows_as_float)
-        collide(f, w, n)
+        collide(f, w, whole)
         stored, holes = settle(
             f, w, n, source, medium, relief, light, keep, position, direction, stored, tally, cursor
         )
-        if holes or holes_left:
+        if holes:
             n = close_holes(f, w, n)
     state[1] = n
     state[2] = stored

@@ -33,7 +33,7 @@ def test_defaults_are_the_papers():
     assert (scene.light.kind, scene.light.height_mm, scene.light.spectrum) == ("point", 100, "D65")
     assert (scene.camera.kind, scene.camera.pixels) == ("orthographic", (200, 200))
     assert (scene.sides, scene.inner_borders, scene.below.refractive_index) == ("periodic", "auto", None)
-    assert scene.estimate.gather_count == 32_400
+    assert scene.estimate.gather_count is None
 
 
 def test_relief_is_the_sites_for_skin_and_flat_for_a_slab():
