@@ -3,7 +3,9 @@
 # make smoke       two small pictures in seconds, checked
 # make figures     the paper's figures 10, 12, 13, 14 by the beam estimate; PHOTONS=3.24e8 is the paper's size
 # make table1      the paper's table 1: seconds of each stage, point against beam
-# make bench       speed of the photon walk
+# make test-all    the slow tests too
+# make check       the photon walk against the tables of layered slabs, quantity by quantity
+# make bench       speed of the photon walk beside the floor of this machine
 PYTHON ?= python3
 PHOTONS ?= 2e7
 VENV := .venv
@@ -12,7 +14,7 @@ INSTALLED := $(VENV)/installed
 FIGURES := fig10_forearm fig12_epidermal fig13_papillary fig14_deep
 METHODS := point beam
 
-.PHONY: setup test smoke figures table1 bench clean $(FIGURES)
+.PHONY: setup test test-all check smoke figures table1 bench clean $(FIGURES)
 
 setup: $(INSTALLED)
 
@@ -23,6 +25,14 @@ $(INSTALLED): pyproject.toml
 
 test: $(INSTALLED)
 	$(BIN)/pytest -q
+
+test-all: $(INSTALLED)
+	$(BIN)/pytest -q -m ""
+
+check: $(INSTALLED)
+	for table in layered_slabs slab_fields slab_radial; do \
+	  $(BIN)/skinrender check --slabs tests/truth/$$table.json -o out/check/$$table || exit; \
+	done
 
 smoke: $(INSTALLED)
 	for method in $(METHODS); do \

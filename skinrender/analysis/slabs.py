@@ -141,6 +141,7 @@ class SlabCheck:
             "R_total_z": distribution([r.z for r in self.results if r.quantity == "R_total" and r.stderr > 0.0]),
             "histories": sum(record.histories for record in self.records),
             "scattering_events": sum(record.scatterings for record in self.records),
+            "seconds": {"walk": sum(record.seconds for record in self.records)},
             "notes": [record.note for record in self.records if record.note],
         }
 
@@ -155,33 +156,56 @@ class CheckNumber:
         return self.checks[index]()
 
 
-def check_slabs(
-    path: str | Path, *, only: str | None = None, seed: int = 1, wanted: Accuracy = CONTRACT,
-    workers: int | None = None, watch: Callable[[Iterable, int], Iterable] = lambda items, count: items,
-) -> SlabCheck:  # fmt: skip
-    """Walk the stacks of a truth file and compare.
+def planned_checks(
+    path: str | Path, *, only: str | None = None, seed: int = 1, wanted: Accuracy = CONTRACT
+) -> list[Check]:
+    """The checks of a truth file's records; nothing is walked.
 
     Parameters
     ----------
     path, only : see `slab_truth.read_truth`.
     seed : of all photons; each record has streams of its own.
     wanted : standard errors.
-    workers : processes; by default what the work is worth.
-    watch : is given the records' checks as they are done, and their number; shows progress.
 
     Raises
     ------
-    InputError : the file can't be used; nothing was walked.
+    InputError : the file can't be used; the message names record, key and remedy.
     """
     truth = read_truth(path, only)
-    checks = [CHECKS[truth.schema](record, seed, wanted) for record in truth.records]
-    order = sorted(range(len(checks)), key=lambda i: -checks[i].cost)
+    return [CHECKS[truth.schema](record, seed, wanted) for record in truth.records]
+
+
+def run_checks(
+    checks: Sequence[Check],
+    workers: int | None = None,
+    watch: Callable[[Iterable, int], Iterable] = lambda items, count: items,
+) -> SlabCheck:
+    """Walk and compare.
+
+    Parameters
+    ----------
+    workers : processes; by default what the work is worth.
+    watch : is given the records' checks as they are done, and their number; shows progress.
+    """
+    costs = [check.cost for check in checks]
+    order = sorted(range(len(checks)), key=lambda i: -costs[i])
     if workers is None:
-        is_worth = sum(check.cost for check in checks) >= WORTH_A_POOL
-        workers = min(os.cpu_count() or 1, len(checks)) if is_worth else 1
+        workers = min(os.cpu_count() or 1, len(checks)) if sum(costs) >= WORTH_A_POOL else 1
     done = watch(in_order(CheckNumber(checks), order, workers=workers), len(checks))
     found = dict(zip(order, done, strict=True))
     return SlabCheck(tuple(found[i] for i in range(len(checks))))
+
+
+def check_slabs(
+    path: str | Path,
+    *,
+    only: str | None = None,
+    seed: int = 1,
+    wanted: Accuracy = CONTRACT,
+    workers: int | None = None,
+) -> SlabCheck:
+    """Walk the stacks of a truth file and compare; see `planned_checks` and `run_checks`."""
+    return run_checks(planned_checks(path, only=only, seed=seed, wanted=wanted), workers)
 
 
 def write_results(path: Path, results: Iterable[Result]) -> None:

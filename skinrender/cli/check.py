@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from skinrender.cli.console import Console, Row
+from skinrender.cli.console import Console, Row, seconds_row
 from skinrender.cli.options import reporting, with_workers
 from skinrender.errors import RunError
 
@@ -48,22 +48,21 @@ def check(
     from tqdm import tqdm
 
     from skinrender.analysis.slab_walk import Accuracy
-    from skinrender.analysis.slabs import check_slabs, write_results
+    from skinrender.analysis.slabs import planned_checks, run_checks, write_results
     from skinrender.cli.job import make_folder
 
     def watch(items: Iterable, count: int) -> Iterable:
         hide = None if console.progress else True
         return tqdm(items, desc="check", total=count, unit=" records", disable=hide, leave=False)
 
+    checks = planned_checks(slabs, only=only, seed=seed, wanted=Accuracy(stderr, 20.0 * stderr))
     folder = make_folder(output)
-    found = check_slabs(
-        slabs, only=only, seed=seed, wanted=Accuracy(stderr, 20.0 * stderr), workers=workers, watch=watch
-    )
+    found = run_checks(checks, workers, watch)
     results, summary = found.results, found.as_json()
     write_results(folder / "check.csv", results)
     for note in summary["notes"]:
         console.warn(note)
-    console.result(summary, [*_table(results), *_conclusion(summary)])
+    console.result(summary, [*_table(results), *_conclusion(summary), seconds_row(summary["seconds"])])
     failed = [result for result in results if not result.ok]
     if failed:
         worst = max(failed, key=lambda result: abs(result.z))

@@ -293,6 +293,7 @@ def test_command_refuses_bad_files(write, tmp_path):
     result = call("check", "--slabs", write(changed(T_total=...)), "-o", tmp_path / "out")
     assert (result.exit_code, result.stdout) == (2, "")
     assert "record 'slab/normal': T_total is missing" in result.stderr
+    assert not (tmp_path / "out").exists()
 
 
 def test_results_depend_on_the_seed_alone(write):
