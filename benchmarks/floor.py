@@ -11,9 +11,24 @@ import time
 import numpy as np
 
 from skinrender.transport import block_kernel, kernel
-from skinrender.transport.blockmath import cos_sin_turn, log_unit
+from skinrender.transport.blockmath import log_unit
 from skinrender.transport.lanes import (
-    ABSORB_ABOVE, ABSORBED, ARRIVED, EVENT, G, LANES, PATH, SCATTER_BELOW, UX, UY, UZ, WORDS, X, Y, Z, new_block,
+    ABSORB_ABOVE,
+    ABSORBED,
+    ARRIVED,
+    EVENT,
+    LANES,
+    PATH,
+    SCATTER_BELOW,
+    UX,
+    UY,
+    UZ,
+    WORDS,
+    G,
+    X,
+    Y,
+    Z,
+    new_block,
 )  # fmt: skip
 from skinrender.transport.medium import collision_thresholds
 from skinrender.transport.rng import next_word, uniform

@@ -19,13 +19,14 @@ from pathlib import Path
 import numpy as np
 
 from skinrender import load_scene, read_exr
-from skinrender.estimate.radius import WIDEST_MM
+from skinrender.estimate import point, radius
 from skinrender.skin.pattern import read_pattern
 
 ROOT = Path(__file__).parents[1]
 REFERENCE = ROOT / "tests" / "data" / "smoke_reference.json"
 SCENES = ("smoke_point", "smoke_beam")
 LARGEST_Z = 4.0
+KERNEL_MM = {"point": point.WIDEST_MM, "beam": radius.WIDEST_MM}
 MORE_PHOTONS = 10
 REFERENCE_SEED = 2
 
@@ -53,7 +54,7 @@ def darkness_z(folder: Path, name: str) -> float:
     y = image.y()
     # pixels within a kernel share photons: a biweight makes 5 pi r^2 / 9 of them one independent value
     pixel_mm = scene.patch.size_mm[0] / width
-    shared = max(1.0, 5.0 * math.pi / 9.0 * (WIDEST_MM / pixel_mm) ** 2)
+    shared = max(1.0, 5.0 * math.pi / 9.0 * (KERNEL_MM[scene.estimate.method] / pixel_mm) ** 2)
     sums = [np.linalg.norm(image.stderr_Y[part].astype(float)) / part.sum() for part in (macule, surround)]
     errors = math.sqrt(shared) * np.array(sums)
     return float((y[surround].mean() - y[macule].mean()) / np.hypot(*errors))

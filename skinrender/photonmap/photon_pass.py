@@ -16,7 +16,15 @@ from skinrender.transport import tally
 from skinrender.transport.borders import CELL_MAX, CELL_MIN, DIELECTRIC, OPEN, PERIODIC, Borders
 from skinrender.transport.emission import collimated_parameters, point_parameters, sky_parameters
 from skinrender.transport.lanes import LANES, new_block
-from skinrender.transport.medium import Medium, block_type, make_grid, make_majorant, make_medium, make_relief, without_air
+from skinrender.transport.medium import (
+    Medium,
+    block_type,
+    make_grid,
+    make_majorant,
+    make_medium,
+    make_relief,
+    without_air,
+)
 from skinrender.transport.rng import stream_key
 from skinrender.transport.walk import walk
 

@@ -14,8 +14,24 @@ import numpy as np
 from skinrender.transport import kernel
 from skinrender.transport.fresnel import fresnel, reflect, refract
 from skinrender.transport.height_field import first_hit, height, height_and_gradient
-from skinrender.transport.lanes import BORDER, FRESH, LANES, M, PATH, REGION, STRAIGHT, UX, UY, UZ, X, Y, Z
-from skinrender.transport.lanes import Z_SAFE_BOTTOM, Z_SAFE_TOP, Z_START
+from skinrender.transport.lanes import (
+    BORDER,
+    FRESH,
+    LANES,
+    PATH,
+    REGION,
+    STRAIGHT,
+    UX,
+    UY,
+    UZ,
+    Z_SAFE_BOTTOM,
+    Z_SAFE_TOP,
+    Z_START,
+    M,
+    X,
+    Y,
+    Z,
+)
 from skinrender.transport.rng import draw
 
 PERIODIC, OPEN, DIELECTRIC = 0, 1, 2

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skinrender.transport import kernel
-from skinrender.transport.lanes import ABSORB_ABOVE, BORDER, G, IX, IY, IZ, SCATTER_BELOW, TISSUE, Z
+from skinrender.transport.lanes import ABSORB_ABOVE, BORDER, IX, IY, IZ, SCATTER_BELOW, TISSUE, G, Z
 
 BRICK_BITS = 4
 BRICK = 1 << BRICK_BITS

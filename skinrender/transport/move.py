@@ -13,7 +13,23 @@ import numpy as np
 from skinrender.transport import block_kernel
 from skinrender.transport.blockmath import log_unit
 from skinrender.transport.lanes import (
-    BORDER, IX, IY, IZ, LANES, M, PATH, UX, UY, UZ, WORDS, X, Y, Z, Z_SAFE_BOTTOM, Z_SAFE_TOP, Z_START,
+    BORDER,
+    IX,
+    IY,
+    IZ,
+    LANES,
+    PATH,
+    UX,
+    UY,
+    UZ,
+    WORDS,
+    Z_SAFE_BOTTOM,
+    Z_SAFE_TOP,
+    Z_START,
+    M,
+    X,
+    Y,
+    Z,
 )
 from skinrender.transport.rng import next_word, uniform
 

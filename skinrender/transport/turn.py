@@ -16,7 +16,19 @@ import numpy as np
 from skinrender.transport import block_kernel
 from skinrender.transport.blockmath import cos_sin_turn
 from skinrender.transport.lanes import (
-    ABSORB_ABOVE, ABSORBED, ARRIVED, EVENT, G, LANES, NULL, SCATTER_BELOW, SCATTERED, UX, UY, UZ, WORDS,
+    ABSORB_ABOVE,
+    ABSORBED,
+    ARRIVED,
+    EVENT,
+    LANES,
+    NULL,
+    SCATTER_BELOW,
+    SCATTERED,
+    UX,
+    UY,
+    UZ,
+    WORDS,
+    G,
 )
 from skinrender.transport.rng import next_word, uniform
 

@@ -14,16 +14,40 @@ from skinrender.transport.borders import INSIDE, LEFT_BOTTOM, LEFT_TOP, PERIODIC
 from skinrender.transport.emission import emit, tile_position
 from skinrender.transport.gather import gather
 from skinrender.transport.lanes import (
-    ABSORBED, ARRIVED, BORDER, EVENT, FLOAT_ROWS, FRESH, INT_ROWS, LANES, NULL, SCATTERED, STRAIGHT, TISSUE,
-    UNSCATTERED, UX, UY, UZ, X, Y, Z,
+    ABSORBED,
+    ARRIVED,
+    BORDER,
+    EVENT,
+    FLOAT_ROWS,
+    FRESH,
+    INT_ROWS,
+    LANES,
+    SCATTERED,
+    STRAIGHT,
+    TISSUE,
+    UNSCATTERED,
+    UX,
+    UY,
+    UZ,
+    X,
+    Y,
+    Z,
 )
 from skinrender.transport.move import fly, locate, mark_sides, wrap
-from skinrender.transport.turn import collide
 from skinrender.transport.rng import draw, seed_words
 from skinrender.transport.tally import (
-    BORDER_HITS, COLLISIONS_NULL, EMITTED, PER_LAYER, REFLECTED, REFLECTED_UNSCATTERED, SIDES, SPECULAR, TRANSMITTED,
+    BORDER_HITS,
+    COLLISIONS_NULL,
+    EMITTED,
+    PER_LAYER,
+    REFLECTED,
+    REFLECTED_UNSCATTERED,
+    SIDES,
+    SPECULAR,
+    TRANSMITTED,
     TRANSMITTED_UNSCATTERED,
 )
+from skinrender.transport.turn import collide
 
 EMPTY = -1  # value of a lane's FRESH when its photon has left and no other is in it
 # The vectorized passes run over whole groups of lanes (4 vectors of 16 floats): the scalar rest of such a loop rounds
