@@ -1,33 +1,89 @@
-"""Photon maps made in memory, for tests of the estimates."""
+"""Photon maps and pictures of small scenes, made in memory."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
 import numpy as np
 
-from skinrender.photonmap.light import light_from_scene
+from skinrender.engine.estimate import EstimateSummary, estimate
+from skinrender.film.spectral_image import SpectralImage
+from skinrender.photonmap.light import Light, light_from_scene
 from skinrender.photonmap.photon_map import PhotonMap
 from skinrender.photonmap.photon_pass import PhotonPass
+from skinrender.scene import Scene
+from skinrender.scene.load import make_scene
+from skinrender.skin.builder import build_volume
+from skinrender.skin.volume import SkinVolume
+
+W_PER_MM2 = 1e-6
+"""W mm^-2 sr^-1 of one unit of a one-band picture's luminance, which is in W m^-2 sr^-1."""
 
 
-def walk_map(scene, volume, histories: int, rounds: int = 32, seed: int = 1) -> PhotonMap:
-    """A map of `rounds` rounds of `histories` in every band."""
-    walk = PhotonPass(volume, light_from_scene(scene), seed, roulette=scene.photons.roulette)
-    walked = [walk.walk(k, np.full(walk.bands, histories), True) for k in range(rounds)]
-    stored = np.concatenate([one.stored_per_band for one in walked])
-    emitted = np.full(walk.bands, histories * rounds)
-    table = walk.depth_table
+class Lit(NamedTuple):
+    """A scene with its volume and photons."""
+
+    scene: Scene
+    volume: SkinVolume
+    photons: PhotonMap
+
+
+def make_map(
+    volume: SkinVolume, light: Light, histories: int, rounds: int = 20, seed: int = 1, roulette: bool = True
+) -> PhotonMap:
+    """Photons of some rounds of so many histories in every band."""
+    photon_pass = PhotonPass(volume, light, seed, roulette=roulette)
+    per_band = np.full(photon_pass.bands, histories)
+    walked = [photon_pass.walk(index, per_band, True) for index in range(rounds)]
+    stored = np.array([one.stored_per_band for one in walked])
+    bands = np.arange(photon_pass.bands, dtype=np.uint8)
     return PhotonMap(
         position=np.concatenate([one.position for one in walked]),
         direction=np.concatenate([one.direction for one in walked]),
-        band=np.repeat(np.tile(np.arange(walk.bands, dtype=np.uint8), rounds), stored),
+        band=np.repeat(np.tile(bands, rounds), stored.ravel()),
         wavelength_nm=volume.wavelength_nm,
-        power_per_band=walk.power_per_band_aimed / emitted,
-        emitted_per_band=emitted,
+        power_per_band=photon_pass.power_per_band_aimed / (histories * rounds),
+        emitted_per_band=per_band * rounds,
         round_band_start=np.concatenate([[0], np.cumsum(stored)]),
         bounds_mm=volume.bounds_mm,
         tallies=np.array([one.tallies for one in walked]),
-        layer_name=walk.layer_names,
+        layer_name=photon_pass.layer_names,
         provenance={},
-        keep_probability=table.keep_probability,
-        depth_edges_mm=table.depth_edges_mm,
+        keep_probability=photon_pass.depth_table.keep_probability,
+        depth_edges_mm=photon_pass.depth_table.depth_edges_mm,
     )
+
+
+def light_up(data: dict[str, Any], histories: int, rounds: int = 20, seed: int = 1) -> Lit:
+    """Scene, volume and photons of a scene given as plain data."""
+    scene = make_scene(data)
+    volume = build_volume(scene)
+    return Lit(scene, volume, make_map(volume, light_from_scene(scene), histories, rounds, seed))
+
+
+def see(lit: Lit, method: str = "beam", camera: dict | None = None, **options) -> tuple[SpectralImage, EstimateSummary]:
+    """Picture of a scene by its own camera, or by that with some entries changed."""
+    scene = lit.scene
+    if camera is not None:
+        scene = scene.model_copy(update={"camera": scene.camera.model_copy(update=camera)})
+    return estimate(scene, lit.volume, lit.photons, method=method, progress=False, **options)
+
+
+def slab_data(layers: Sequence[dict[str, float]], light: dict[str, Any], size_mm: float = 0.5, pixels: int = 8) -> dict:
+    """A one-band slab in air, periodic, seen from above without reflection by its surface."""
+    return {
+        "patch": {"size_mm": [size_mm, size_mm], "columns": [1, 1]},
+        "bands_nm": [550],
+        "slab": {"layers": list(layers)},
+        "below": {"refractive_index": 1.0},
+        "light": {"spectrum": "E", **light},
+        "camera": {"pixels": [pixels, pixels], "cross_polarized": True},
+    }
+
+
+def slab_layer(thickness_mm: float, mu_a: float, mu_s: float, g: float, n: float) -> dict[str, float]:
+    """A layer of `slab_data`."""
+    return {
+        "thickness_mm": thickness_mm, "mu_a_per_mm": mu_a, "mu_s_per_mm": mu_s, "g": g, "refractive_index": n,
+    }  # fmt: skip

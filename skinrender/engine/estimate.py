@@ -117,15 +117,8 @@ def estimate(
         center = irradiance(light, np.array([0.5 * length for length in volume.size_mm]), volume.size_mm, True)
         exposure = exposure_for(center, volume.wavelength_nm)
         y_weight = y_weights(volume.wavelength_nm, exposure)
-        count = threads or os.cpu_count() or 1
-        hide = None if progress else True
-        with (
-            ThreadPoolExecutor(count) as pool,
-            tqdm(total=len(photon_map), unit=" photons", unit_scale=True, disable=hide, desc=method, leave=False) as bar,
-        ):
-            stream = Stream(volume, photon_map, lattice, pixels, y_weight, pool, count, bar.update)
-            gather = gather_count or scene.estimate.gather_count
-            scattered = (estimate_beam if method == "beam" else estimate_point)(stream, gather)
+        gather = gather_count or scene.estimate.gather_count
+        scattered = _scattered(volume, photon_map, (lattice, pixels), y_weight, method, gather, threads, progress)
         view = make_view_path(rays.origin, rays.direction, volume)
         single = single_scattering(view, volume, light)
         surface = _surface(scene, volume, light, subpixels)
@@ -133,6 +126,16 @@ def estimate(
         falling = irradiance(light, points, volume.size_mm, volume.sides == "periodic")
         image = _image(pixels.shape, scattered, single, surface, falling, y_weight, exposure, volume, photon_map)
     return image, _summary(method, image, scattered, clock)
+
+
+def _scattered(volume, photon_map, lattices, y_weight, method, gather, threads, progress) -> ScatteredLight:
+    count = threads or os.cpu_count() or 1
+    bar = tqdm(
+        total=len(photon_map), unit=" photons", unit_scale=True, disable=None if progress else True, desc=method, leave=False
+    )
+    with ThreadPoolExecutor(count) as pool, bar:
+        stream = Stream(volume, photon_map, *lattices, y_weight, pool, count, bar.update)
+        return (estimate_beam if method == "beam" else estimate_point)(stream, gather)
 
 
 def _lattice(rays: Any, volume: SkinVolume, edges: np.ndarray) -> RayLattice:

@@ -47,6 +47,34 @@ def transmittance_share(fine, tau, pixel_of, pixel_depth, slab, along, x, y):
 
 
 @kernel
+def add_to_disc(
+    s, x, y, reach, ux, uy, uz, anisotropy, weight, own, along, to_lattice, start, rays, points, region, ray_direction,
+    tau, h, w, factor, image,
+):
+    """Adds a photon at (x, y) to the sample points of step s within `reach` sideways; returns their number."""
+    contributions = 0
+    a0, a1, a2 = to_lattice[s, 0, 0], to_lattice[s, 0, 1], to_lattice[s, 0, 2]
+    b0, b1, b2 = to_lattice[s, 1, 0], to_lattice[s, 1, 1], to_lattice[s, 1, 2]
+    row, column = a0 * x + a1 * y + a2 + 0.5, b0 * x + b1 * y + b2 + 0.5
+    # the lattice's bins are not quite square where it is seen aslant: take the larger stretch
+    half_rows, half_columns = reach * math.hypot(a0, a1), reach * math.hypot(b0, b1)
+    low, high = max(0, int(math.floor(column - half_columns))), min(w, int(math.floor(column + half_columns)) + 1)
+    if low >= high:
+        return 0
+    for i in range(max(0, int(math.floor(row - half_rows))), min(h, int(math.floor(row + half_rows)) + 1)):
+        for k in range(start[s, i * w + low], start[s, i * w + high]):
+            q = rays[s, k]
+            dx, dy = points[s, q, 0] - x, points[s, q, 1] - y
+            if dx * dx + dy * dy < reach * reach:
+                r = region[s]
+                cosine = -(ux * ray_direction[r, q, 0] + uy * ray_direction[r, q, 1] + uz * ray_direction[r, q, 2])
+                passed = math.exp(-((1.0 - along) * tau[own, q] + along * tau[own + 1, q]))
+                image[q] += np.float32(weight * phase_hg(cosine, anisotropy) * passed) * factor[s, q]
+                contributions += 1
+    return contributions
+
+
+@kernel
 def gather_points(
     position, direction, first, last, keep, z_top, lx, ly, periodic, relief, edges, radius, share, fine, fine_tau,
     pixel_of, region, to_lattice, bounds, start, rays, points, ray_direction, tau, h, w, palette_index, z_edges, g,
@@ -96,27 +124,9 @@ def gather_points(
                     y_first, y_last = image_range(y, ly, bounds[s, 1] - reach, bounds[s, 3] + reach)
                 for kx in range(x_first, x_last + 1):
                     for ky in range(y_first, y_last + 1):
-                        px, py = x + kx * lx, y + ky * ly
-                        m = to_lattice[s]
-                        row = m[0, 0] * px + m[0, 1] * py + m[0, 2] + 0.5
-                        column = m[1, 0] * px + m[1, 1] * py + m[1, 2] + 0.5
-                        # the lattice's bins are not quite square where it is seen aslant: take the larger stretch
-                        half_rows = reach * math.hypot(m[0, 0], m[0, 1])
-                        half_columns = reach * math.hypot(m[1, 0], m[1, 1])
-                        for a in range(max(0, int(math.floor(row - half_rows))), min(h, int(math.floor(row + half_rows)) + 1)):
-                            low = max(0, int(math.floor(column - half_columns)))
-                            high = min(w, int(math.floor(column + half_columns)) + 1)
-                            if low >= high:
-                                continue
-                            for k in range(start[s, a * w + low], start[s, a * w + high]):
-                                q = rays[s, k]
-                                dx, dy = points[s, q, 0] - px, points[s, q, 1] - py
-                                if dx * dx + dy * dy < rest:
-                                    wx, wy, wz = ray_direction[region[s], q]
-                                    phase = phase_hg(-(ux * wx + uy * wy + uz * wz), anisotropy)
-                                    passed = math.exp(-((1.0 - along) * tau[own, q] + along * tau[own + 1, q]))
-                                    shown = np.float32(weight * phase * passed) * factor[s, q]
-                                    image[q] += shown
-                                    contributions += 1
+                        contributions += add_to_disc(
+                            s, x + kx * lx, y + ky * ly, reach, ux, uy, uz, anisotropy, weight, own, along, to_lattice,
+                            start, rays, points, region, ray_direction, tau, h, w, factor, image,
+                        )  # fmt: skip
             s += 1
     return contributions

@@ -13,7 +13,7 @@ from skinrender.photonmap.roulette import DepthTable, keep_all, keep_visible
 from skinrender.skin.regions import regions_of
 from skinrender.skin.volume import SkinVolume
 from skinrender.transport import tally
-from skinrender.transport.borders import CELL_MAX, CELL_MIN, DIELECTRIC, OPEN, PERIODIC, Borders
+from skinrender.transport.borders import DIELECTRIC, OPEN, PERIODIC, Borders
 from skinrender.transport.emission import collimated_parameters, point_parameters, sky_parameters
 from skinrender.transport.lanes import LANES, new_block
 from skinrender.transport.medium import (
@@ -25,6 +25,7 @@ from skinrender.transport.medium import (
     make_relief,
     without_air,
 )
+from skinrender.transport.relief import CELL_MAX, CELL_MIN
 from skinrender.transport.rng import stream_key
 from skinrender.transport.walk import walk
 
@@ -73,6 +74,7 @@ class PhotonPass:
         self.power_per_band_aimed = light.power_aimed_per_band(volume.size_mm)
         self.depth_table: DepthTable = (keep_visible if roulette else keep_all)(volume)
         self._medium = lru_cache(maxsize=None)(self._make_medium)
+        self._grid = lru_cache(maxsize=2)(self._make_grid)
 
     @property
     def bands(self) -> int:
@@ -90,8 +92,7 @@ class PhotonPass:
     def _holds(self) -> np.ndarray:
         return make_grid(self._filled, self._z_edges, np.float32)[1]
 
-    @lru_cache(maxsize=2)
-    def _grid(self, real: type):
+    def _make_grid(self, real: type):
         return make_grid(self._filled, self._z_edges, real)[0]
 
     @cached_property

@@ -13,7 +13,7 @@ import numpy as np
 
 from skinrender.transport import kernel
 from skinrender.transport.fresnel import fresnel, reflect, refract
-from skinrender.transport.height_field import first_hit, height, height_and_gradient
+from skinrender.transport.height_field import first_hit, height
 from skinrender.transport.lanes import (
     BORDER,
     FRESH,
@@ -32,21 +32,17 @@ from skinrender.transport.lanes import (
     Y,
     Z,
 )
+from skinrender.transport.relief import OFFSET_MM, rough_normal, stays_below
 from skinrender.transport.rng import draw
 
 PERIODIC, OPEN, DIELECTRIC = 0, 1, 2
 INSIDE, LEFT_TOP, LEFT_BOTTOM, LEFT_SIDE = 0, 1, 2, 3
-_ROUGH_OFFSET_MM = 1e-6  # a photon on a height field is put this far inside: above the rounding of float32 positions
 _MAX_AIR_BOUNCES = 10_000
 
 
 # Columns of `Borders.table`: z of the border, its row in the height fields or -1, and of the region below it the refractive
 # index and the depths between which none of its borders reaches. The row after the last border holds the index below all.
 BORDER_Z, ROUGH, INDEX, SAFE_TOP, SAFE_BOTTOM = 0, 1, 2, 3, 4
-# Columns of `Relief.cells`
-CELL_MIN, CELL_MAX, DEEPEST, BEND = 0, 1, 2, 6
-RELIEF_LEVELS = 4
-RELIEF_COLUMNS = BEND + RELIEF_LEVELS
 
 
 class Borders(NamedTuple):
@@ -62,18 +58,6 @@ class Borders(NamedTuple):
     lx: float
     ly: float
     sides: int
-
-
-class Relief(NamedTuple):
-    """Height fields (n, hx, hy), mm from the top of the volume, and what is known of their cells; None when all is flat.
-
-    cells (n, hx, hy, RELIEF_COLUMNS) holds the bounds of the cell's patch, then for 1, 2, 4, 8 cells around it the
-    largest z and the largest second derivative (1/mm): most short flights near the surface are thereby known to miss
-    it without being followed.
-    """
-
-    heights: np.ndarray
-    cells: np.ndarray
 
 
 @kernel
@@ -100,43 +84,6 @@ def split(words, lane, cos_i, index_from, index_to):
     if reflectance >= 1.0:
         return True, 0.0
     return draw(words, lane, LANES) < reflectance, cos_t
-
-
-@kernel
-def rough_normal(heights, lx, ly, x, y):
-    """Unit normal of a height field that points down into the layer below it."""
-    _, hx, hy = height_and_gradient(heights, lx, ly, x, y)
-    inverse = 1.0 / math.sqrt(hx * hx + hy * hy + 1.0)
-    return -hx * inverse, -hy * inverse, inverse
-
-
-@kernel
-def stays_below(f, i, relief, row, lx, ly):
-    """Whether the flight of lane i surely stays below height field `row`.
-
-    It does below the deepest point around; and if it ends below the surface by more than the surface can bend away
-    from its chord in between, (largest second derivative) x (lateral length)^2 / 8.
-    """
-    hx, hy = relief.heights.shape[1], relief.heights.shape[2]
-    path = f[PATH + i]
-    dx, dy = abs(f[UX + i]) * path, abs(f[UY + i]) * path
-    reach = max(dx * (hx / lx), dy * (hy / ly))
-    level, cells = 0, 1.0
-    while reach > cells:
-        level += 1
-        cells *= 2.0
-        if level == RELIEF_LEVELS:
-            return False
-    x, y = np.float64(f[X + i]), np.float64(f[Y + i])
-    a = min(max(int(x * (hx / lx)), 0), hx - 1)
-    b = min(max(int(y * (hy / ly)), 0), hy - 1)
-    if min(f[Z_START + i], f[Z + i]) > relief.cells[row, a, b, DEEPEST + level]:
-        return True
-    bend = relief.cells[row, a, b, BEND + level] * (dx * dx + dy * dy) * 0.125 + 2.0 * _ROUGH_OFFSET_MM
-    if f[Z + i] - height(relief.heights[row], lx, ly, x, y) <= bend:
-        return False
-    x, y = x - np.float64(f[UX + i]) * path, y - np.float64(f[UY + i]) * path
-    return f[Z_START + i] - height(relief.heights[row], lx, ly, x, y) > bend
 
 
 @kernel
@@ -236,7 +183,7 @@ def place(f, w, i, borders, majorant, relief, region, x, y, z, ux, uy, uz, rough
     if relief is not None:
         if rough_border >= 0:
             h = height(relief.heights[rough_border], lx, ly, np.float64(f[X + i]), np.float64(f[Y + i]))
-            z = h + inside_sign * _ROUGH_OFFSET_MM
+            z = h + inside_sign * OFFSET_MM
     f[Z + i] = z
     f[M + i] = majorant_depth(majorant, z)
     f[UX + i], f[UY + i], f[UZ + i] = ux, uy, uz

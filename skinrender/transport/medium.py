@@ -9,10 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skinrender.transport.borders import RELIEF_LEVELS, Borders, Relief
+from skinrender.transport.borders import Borders
 from skinrender.transport.gather import BRICK, Grid
 from skinrender.transport.height_field import bend_bound, cell_bounds
 from skinrender.transport.move import SLABS
+from skinrender.transport.relief import RELIEF_LEVELS, Relief
 
 _COARSE_CELLS = 4096
 _WORD = 2.0**32

@@ -11,7 +11,7 @@ import pytest
 from skinrender.engine.estimate import estimate
 from skinrender.scene.load import make_scene
 from skinrender.skin.builder import build_volume
-from tests.maps import walk_map
+from tests.walked_map import walk_map
 
 TRUTH = json.loads((Path(__file__).parents[1] / "truth" / "slab_fields.json").read_text())
 RECORDS = {record["id"]: record for record in TRUTH["records"]}

@@ -12,7 +12,7 @@ from skinrender.engine.estimate import estimate
 from skinrender.film.color import lab_of_factor
 from skinrender.scene.load import load_scene
 from skinrender.skin.builder import build_volume
-from tests.maps import walk_map
+from tests.walked_map import walk_map
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 SEEDS = 6

@@ -11,7 +11,8 @@ from skinrender.estimate.deposit import unpack_direction
 from skinrender.photonmap.photon_pass import PhotonPass
 from skinrender.skin.spline import control_points, evaluate_grid
 from skinrender.transport import kernel, lanes, tally
-from skinrender.transport.borders import enter_surface, stays_below
+from skinrender.transport.borders import enter_surface
+from skinrender.transport.relief import stays_below
 from skinrender.transport.fresnel import fresnel
 from skinrender.transport.height_field import first_hit, height
 from skinrender.transport.lanes import LANES, new_block
