@@ -10,7 +10,7 @@ from pydantic_core import PydanticCustomError
 FIRST_NM = 380.0
 LAST_NM = 780.0
 MAX_BANDS = 255
-MAX_COEFFICIENT_PER_MM = 1e4
+MAX_COEFFICIENT_PER_MM = 1e6
 MAX_LENGTH_MM = 1e4
 
 

@@ -78,13 +78,12 @@ def fly(f, w, n, slabs):
 def wrap(f, n, lx, ly):
     """Periodic sides: brings x and y of n lanes back into [0, lx) x [0, ly)."""
     inverse_x, inverse_y = np.float32(1.0) / lx, np.float32(1.0) / ly
+    zero = lx - lx
     for i in range(n):
         x = f[X + i]
-        x -= lx * np.int32(x * inverse_x)
-        f[X + i] = x + lx if x < np.float32(0.0) else x
+        f[X + i] = max(x - lx * np.floor(x * inverse_x), zero)
         y = f[Y + i]
-        y -= ly * np.int32(y * inverse_y)
-        f[Y + i] = y + ly if y < np.float32(0.0) else y
+        f[Y + i] = max(y - ly * np.floor(y * inverse_y), zero)
 
 
 @block_kernel
@@ -101,6 +100,6 @@ def locate(f, w, n, cells_per_mm, last_cell):
     cx, cy, cz = cells_per_mm[0], cells_per_mm[1], cells_per_mm[2]
     mx, my, mz = last_cell[0], last_cell[1], last_cell[2]
     for i in range(n):
-        w[IX + i] = min(np.int32(f[X + i] * cx), mx)
-        w[IY + i] = min(np.int32(f[Y + i] * cy), my)
+        w[IX + i] = min(max(np.int32(f[X + i] * cx), np.int32(0)), mx)
+        w[IY + i] = min(max(np.int32(f[Y + i] * cy), np.int32(0)), my)
         w[IZ + i] = min(max(np.int32(f[Z + i] * cz), np.int32(0)), mz)
