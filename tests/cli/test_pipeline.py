@@ -61,8 +61,10 @@ def test_rendering_again_does_nothing(rendered, smoke_scene, first_render):
     summary = again(smoke_scene, rendered)
     assert summary["stages_run"] == []
     assert files_of(rendered) == before
-    for key in ("mean_radiance", "photons_stored", "reflectance", "hash", "clipped_fraction"):
+    for key in ("photons_stored", "hash", "clipped_fraction"):
         assert summary[key] == first_render[1][key]
+    for key in ("mean_radiance", "reflectance"):  # the map holds power by photon: multiplied back, the last digit may differ
+        assert summary[key] == pytest.approx(first_render[1][key], rel=1e-12)
 
 
 @pytest.mark.parametrize(
