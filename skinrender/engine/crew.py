@@ -15,7 +15,7 @@ from skinrender.engine.rounds import rounds_until
 from skinrender.engine.stop import Stop
 from skinrender.engine.work import WalkRound
 
-WORTH_A_POOL = 5e7
+WORTH_A_POOL = 1e7
 """Photons below which starting processes takes longer than it saves."""
 
 
