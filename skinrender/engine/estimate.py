@@ -115,6 +115,8 @@ def estimate(
         if volume.surface_mm is not None:
             lattice = _lattice(view_rays(scene.camera, volume.size_mm, TRANSMITTANCE_SUBPIXELS), volume, edges)
         center = irradiance(light, np.array([0.5 * length for length in volume.size_mm]), volume.size_mm, True)
+        if not center.any():  # a pencil, or a beam beside the center: exposed for its mean over the patch
+            center = light.power_aimed_per_band(volume.size_mm) / np.prod(volume.size_mm)
         exposure = exposure_for(center, volume.wavelength_nm)
         y_weight = y_weights(volume.wavelength_nm, exposure)
         gather = gather_count or scene.estimate.gather_count

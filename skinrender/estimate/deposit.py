@@ -62,7 +62,7 @@ def image_range(x, length, low, high):
 
 
 DROP, WEIGHT = 0, 1
-BLOCK, SPARE = 256, 8
+BLOCK = 256
 
 
 @kernel
@@ -114,12 +114,13 @@ def find_cells(
 ):
     """First pass over photons i..last-1: fills a block with those that are seen; returns (next photon, entries).
 
-    entry (BLOCK, 6): direction, anisotropy, weight, half slab minus place in it; cell_of (BLOCK, 2): slab and bin.
+    entry (BLOCK + images, 6): direction, anisotropy, weight, half slab minus place in it; cell_of (BLOCK + images, 2): slab and
+    bin; images is the most that one photon can have.
     """
     deepest = edges[edges.size - 1]
     reach = deepest + (0.0 if relief is None else 1.0)
     n = 0
-    while i < last and n < BLOCK - SPARE:
+    while i < last and n < BLOCK:
         z = np.float64(position[i, 2])
         if z >= reach:
             i += 1
@@ -135,12 +136,10 @@ def find_cells(
         if periodic:
             x_first, x_last = image_range(x, lx, bounds[slab, 0], bounds[slab, 2])
             y_first, y_last = image_range(y, ly, bounds[slab, 1], bounds[slab, 3])
-            if (x_last - x_first + 1) * (y_last - y_first + 1) > BLOCK - n and n > 0:
-                break
         for kx in range(x_first, x_last + 1):
             for ky in range(y_first, y_last + 1):
                 cell = bin_of(to_lattice, slab, x + kx * lx, y + ky * ly, h, w)
-                if cell < 0 or n == BLOCK:
+                if cell < 0:
                     continue
                 cell_of[n, 0], cell_of[n, 1] = slab, cell
                 entry[n, 0], entry[n, 1], entry[n, 2] = unpack_direction(direction[i, 0], direction[i, 1])
@@ -179,7 +178,11 @@ def deposit(
 
     Returns the number of contributions.
     """
-    entry, cell_of, ray = np.empty((BLOCK, 6)), np.empty((BLOCK, 2), np.int64), np.empty(BLOCK, np.int64)
+    room = BLOCK + 1
+    if periodic:
+        tiles_x, tiles_y = (bounds[:, 2] - bounds[:, 0]).max() / lx, (bounds[:, 3] - bounds[:, 1]).max() / ly
+        room = BLOCK + (int(tiles_x) + 2) * (int(tiles_y) + 2)
+    entry, cell_of, ray = np.empty((room, 6)), np.empty((room, 2), np.int64), np.empty(room, np.int64)
     contributions = 0
     i = first
     while i < last:
