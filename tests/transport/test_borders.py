@@ -12,11 +12,11 @@ from skinrender.photonmap.photon_pass import PhotonPass
 from skinrender.skin.spline import control_points, evaluate_grid
 from skinrender.transport import kernel, lanes, tally
 from skinrender.transport.borders import enter_surface
-from skinrender.transport.relief import stays_below
 from skinrender.transport.fresnel import fresnel
 from skinrender.transport.height_field import first_hit, height
 from skinrender.transport.lanes import LANES, new_block
 from skinrender.transport.medium import make_relief
+from skinrender.transport.relief import stays_below
 from tests.stats import assert_same_means, assert_share
 from tests.volumes import Layer, beam, fractions, furrow, sky, slab_volume, walk_rounds
 
