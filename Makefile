@@ -7,7 +7,7 @@
 # make check       the photon walk against the tables of layered slabs, quantity by quantity
 # make bench       speed of the photon walk beside the floor of this machine
 PYTHON ?= python3
-PHOTONS ?= 2e7
+PHOTONS ?= 5e7
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
