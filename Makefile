@@ -50,7 +50,7 @@ $(FIGURES): $(INSTALLED)
 table1: $(INSTALLED)
 	for method in $(METHODS); do \
 	  $(BIN)/skinrender render configs/fig10_forearm.yaml --method $$method --photons $(PHOTONS) \
-	    --set photons.roulette=false -o out/table1/$$method || exit; \
+	    --gather-count 32400 --set photons.roulette=false -o out/table1/$$method || exit; \
 	done
 	$(BIN)/python -m skinrender.analysis.table1 out/table1/point out/table1/beam
 
