@@ -48,17 +48,17 @@ def macule(size: int, darkest: float = 0.45) -> np.ndarray:
     return darkest * darkness / darkness.max()
 
 
-def freckles(size: int = 200, count: int = 34, darkest: float = 0.35) -> np.ndarray:
+def freckles(size: int = 200, count: int = 24, darkest: float = 0.45) -> np.ndarray:
     """Darkness of scattered small spots of unequal size and depth of color."""
     rng = np.random.default_rng(5)
     darkness = np.zeros((size, size))
     for center, radius, strength in zip(
-        rng.uniform(0.06, 0.94, (count, 2)), rng.lognormal(np.log(0.022), 0.4, count), rng.uniform(0.35, 1, count)
+        rng.uniform(0.06, 0.94, (count, 2)), rng.lognormal(np.log(0.045), 0.35, count), rng.uniform(0.35, 1, count)
     ):
         distance, angle = polar(size, tuple(center))
         phases = rng.uniform(0, 2 * np.pi, 2)
-        outline = radius * (1 + 0.18 * np.cos(2 * angle + phases[0]) + 0.12 * np.cos(3 * angle + phases[1]))
-        darkness = np.maximum(darkness, strength * soft_step((outline - distance) / (0.8 * radius) + 0.5))
+        outline = radius * (1 + 0.12 * np.cos(2 * angle + phases[0]) + 0.05 * np.cos(3 * angle + phases[1]))
+        darkness = np.maximum(darkness, strength * soft_step((outline - distance) / (0.9 * radius) + 0.5))
     return darkest * darkness / darkness.max()
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -13,6 +13,8 @@ import numpy as np
 from skinrender.errors import InputError
 
 _DATA = resources.files("skinrender.optics") / "data"
+_SPECTRUM_CSV = "write one 'wavelength_nm,value' pair of numbers a line, by rising wavelength; # starts a comment"
+_MAX_CHARACTERS = 1_000_000
 
 
 def read_rows(name: str) -> list[dict[str, str]]:
@@ -68,27 +70,38 @@ def read_spectrum_csv(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
 
     Raises
     ------
-    InputError : unreadable, not two numbers a line, or not ascending.
+    InputError : unreadable, not two numbers a line, not ascending, or a negative value; the message names the line.
     """
     try:
-        lines = Path(path).read_text("utf-8-sig").splitlines()
+        with open(path, encoding="utf-8-sig") as file:
+            text = file.read(_MAX_CHARACTERS + 1)
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot read the spectrum: {error}", where=str(path)) from error
+    if len(text) > _MAX_CHARACTERS:
+        raise InputError(f"is larger than {_MAX_CHARACTERS // 1000} kB", where=str(path), remedy="a spectrum is short text")
     points: list[tuple[float, float]] = []
-    for number, line in enumerate(lines, start=1):
+    for number, line in enumerate(text.splitlines(), start=1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue
         point = _two_numbers(line)
-        if point is None and points:
-            raise InputError(f"expected 'wavelength_nm,value', got {line.strip()[:60]!r}", where=f"{path}:{number}:1")
+        wrong = _wrong_with(point, points, line)
+        if wrong:
+            raise InputError(wrong, where=f"{path}:{number}:1", remedy=_SPECTRUM_CSV)
         if point is not None:
             points.append(point)
     if not points:
-        raise InputError("no 'wavelength_nm,value' lines", where=str(path))
+        raise InputError("no 'wavelength_nm,value' lines", where=str(path), remedy=_SPECTRUM_CSV)
     nm, values = np.array(points).T
-    if np.any(np.diff(nm) <= 0):
-        raise InputError("the wavelengths must ascend", where=str(path))
     return nm, values
+
+
+def _wrong_with(point: tuple[float, float] | None, before: Sequence[tuple[float, float]], line: str) -> str | None:
+    """What is wrong with a line of a spectrum's file after the points ``before``; a header before the first is not."""
+    if point is None:
+        return f"expected 'wavelength_nm,value', got {line.strip()[:60]!r}" if before else None
+    if before and point[0] <= before[-1][0]:
+        return f"the wavelengths must ascend, got {point[0]:g} after {before[-1][0]:g} nm"
+    return f"the values of a spectrum must not be negative, got {point[1]:g}" if point[1] < 0 else None
 
 
 def spectrum_file_on_bands(path: str | Path, wavelength_nm: np.ndarray) -> np.ndarray:

@@ -95,19 +95,37 @@ def site_layers(site: str) -> tuple[LayerSpec, ...]:
     return tuple(_site_layer(row) for row in rows)
 
 
-def skin_layers(site: str, overrides: Mapping[str, object]) -> tuple[LayerSpec, ...]:
-    """The layers of a site with a scene's overrides.
+def skin_layers(site: str, overrides: Mapping[str, object], tone: str | None = None) -> tuple[LayerSpec, ...]:
+    """The layers of a site in a tone of skin, with a scene's overrides.
 
     Parameters
     ----------
+    tone : see `toned`; None leaves the site's melanin and blood.
     overrides : layer name -> object with the attributes thickness_um, voxel_layers, those of the composition and of
         ``EXPLICIT``, each None where the site's own value stays.
     """
     unknown = set(overrides) - set(LAYER_NAMES)
     if unknown:
         raise InputError(f"there is no layer {min(unknown)!r}", remedy=f"Layers: {', '.join(LAYER_NAMES)}.")
-    layers = site_layers(site)
+    layers = site_layers(site) if tone is None else toned(site_layers(site), tone)
     return tuple(_overridden(layer, overrides[layer.name]) if layer.name in overrides else layer for layer in layers)
+
+
+def toned(layers: Sequence[LayerSpec], tone: str) -> tuple[LayerSpec, ...]:
+    """Layers with the melanin and blood of a tone (optics/data/skin_tones.csv): factors on the layers' own."""
+    rows = [row for row in read_rows("skin_tones.csv") if row["tone"] == tone]
+    if not rows:
+        raise InputError(f"no tone {tone!r} is known", where="skin.tone")
+    basal, upper, blood = (float(rows[0][name]) for name in ("melanin_basal", "melanin_upper", "blood"))
+    return tuple(
+        replace(layer, tissue=multiplied(layer.tissue, basal if layer.name == "basal" else upper, blood))
+        for layer in layers
+    )
+
+
+def multiplied(tissue: Tissue, melanin: float, blood: float) -> Tissue:
+    """A tissue with its melanosomes and its blood multiplied, at most to 1."""
+    return replace(tissue, melanosome=min(1.0, tissue.melanosome * melanin), blood=min(1.0, tissue.blood * blood))
 
 
 def slab_layers(described: Sequence[object]) -> tuple[LayerSpec, ...]:

@@ -7,16 +7,23 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from skinrender.optics.inks import ink_absorption, ink_names
 from skinrender.optics.tables import spectrum_on_bands
-from skinrender.scene import BUILD_PARTS, Scene, scene_hash
+from skinrender.scene import BUILD_PARTS, Scene, scene_hash, schema_lesion
 from skinrender.skin.anatomy import LayerSpec, border_depths, skin_layers, slab_layers
+from skinrender.skin.dermis import depth_of_layers_mm, range_of_layers_mm, require_in_dermis
 from skinrender.skin.heights import Heights, scene_heights
+from skinrender.skin.macule import DermalMacule
 from skinrender.skin.memory import require_memory
+from skinrender.skin.mole import Nests
 from skinrender.skin.pattern import read_pattern
 from skinrender.skin.spline import evaluate_grid
-from skinrender.skin.stack import DermalMacule, VoxelStack, voxel_stack
+from skinrender.skin.stack import Palette, VoxelStack, voxel_stack
+from skinrender.skin.tattoo import Tattoo
 from skinrender.skin.volume import SkinVolume
+from skinrender.sources import sources_hash
 
+BUILD_SOURCES = ("optics", "skin")
 PLANE_MM = 0.005
 """Height of the voxels where borders are not flat; half of the thinnest layer there where that is less."""
 _BLOCK_VOXELS = 1 << 22
@@ -34,19 +41,21 @@ def build_volume(scene: Scene) -> SkinVolume:
     columns = tuple(scene.patch.columns)
     _check_memory(columns, sum(layer.voxel_layers for layer in layers))
     stack = _darkened(scene, layers)
-    palette_layer, palette_melanin, entry = stack.palette()
+    palette, entry = stack.palette()
     heights = scene_heights(scene, layers)
     if heights is None:
         z_edges_mm, index = stack.depth_mm, entry[stack.column_class]
     else:
         z_edges_mm, index = _folded(stack, entry, heights, tuple(scene.patch.size_mm))
-        used = _drop_unused(index, palette_layer.size)
-        palette_layer, palette_melanin = palette_layer[used], palette_melanin[used]
+        palette = palette.kept(_drop_unused(index, palette.layer.size))
+    inks = scene_inks(scene)
     return SkinVolume(
         palette_index=index,
         z_edges_mm=z_edges_mm,
-        palette_layer=palette_layer,
-        palette_melanin=palette_melanin,
+        palette_layer=palette.layer,
+        palette_melanin=palette.melanin,
+        palette_ink=palette.ink if inks else None,
+        ink_name=inks,
         layer_name=("air", *(layer.name for layer in layers)),
         size_mm=tuple(float(length) for length in scene.patch.size_mm),
         border_z_mm=border_depths([layer.thickness_mm for layer in layers]),
@@ -54,7 +63,7 @@ def build_volume(scene: Scene) -> SkinVolume:
         surface_mm=None if heights is None else heights.surface_mm,
         border_mm=None if heights is None else heights.borders_mm(layers),
         provenance=_provenance(scene),
-        **_optics(scene, layers, palette_layer, palette_melanin, flat=heights is None),
+        **_optics(scene, layers, palette, inks, flat=heights is None),
     )
 
 
@@ -62,42 +71,87 @@ def scene_layers(scene: Scene) -> tuple[LayerSpec, ...]:
     """The layers of a scene, top to bottom."""
     if scene.slab is not None:
         return slab_layers(scene.slab.layers)
-    return skin_layers(scene.skin.site, scene.skin.layers)
+    return skin_layers(scene.skin.site, scene.skin.layers, scene.skin.tone)
+
+
+def scene_inks(scene: Scene) -> tuple[str, ...]:
+    """The inks of a scene's tattoos, in the order of their first use."""
+    return tuple(dict.fromkeys(lesion.ink for lesion in scene.lesions if lesion.kind == "tattoo"))
 
 
 def _darkened(scene: Scene, layers: Sequence[LayerSpec]) -> VoxelStack:
-    columns = tuple(scene.patch.columns)
-    epidermal, dermal = [], []
+    columns, inks = tuple(scene.patch.columns), scene_inks(scene)
+    epidermal, dermal, tattoos = [], [], []
     for lesion in scene.lesions:
-        p = read_pattern(scene.path(lesion.pattern), columns, lesion.melanin_scale)
-        if lesion.kind == "epidermal":
-            epidermal.append(p)
-        else:
-            dermal.append(DermalMacule(p, lesion.center_layer, lesion.half_layers))
-    return voxel_stack(layers, columns, epidermal, dermal)
+        scale = lesion.volume_fraction if lesion.kind == "tattoo" else lesion.melanin_scale
+        p = read_pattern(scene.path(lesion.pattern), columns, scale)
+        match lesion.kind:
+            case "epidermal":
+                epidermal.append(p)
+            case "dermal":
+                dermal.append(DermalMacule(p, lesion.center_layer, lesion.half_layers))
+            case "mole":
+                epidermal.append(p)
+                dermal.append(Nests(p, _nest_depth_mm(lesion, layers), lesion.dermal_share))
+            case "tattoo":
+                tattoos.append(Tattoo(p, inks.index(lesion.ink), _ink_depth_mm(lesion, layers)))
+    return voxel_stack(layers, columns, epidermal, dermal, tattoos)
+
+
+def _nest_depth_mm(mole: schema_lesion.Mole, layers: Sequence[LayerSpec]) -> float:
+    if mole.depth_mm is None:
+        return depth_of_layers_mm(layers, mole.depth_layers)
+    require_in_dermis(mole.depth_mm, layers)
+    return mole.depth_mm
+
+
+def _ink_depth_mm(tattoo: schema_lesion.Tattoo, layers: Sequence[LayerSpec]) -> tuple[float, float]:
+    if tattoo.depth_mm is None:
+        return range_of_layers_mm(layers, tattoo.center_layer, tattoo.half_layers)
+    require_in_dermis(tattoo.depth_mm[1], layers)
+    return tattoo.depth_mm
 
 
 def _optics(
-    scene: Scene, layers: Sequence[LayerSpec], palette_layer: np.ndarray, palette_melanin: np.ndarray, flat: bool
+    scene: Scene, layers: Sequence[LayerSpec], palette: Palette, inks: Sequence[str], flat: bool
 ) -> dict:
     """The coefficients and indices of a volume."""
     wavelength_nm = np.array(scene.wavelength_nm, float)
-    mu_a, mu_s, g = np.zeros((3, palette_layer.size, wavelength_nm.size))
+    mu_a, mu_s, g = np.zeros((3, palette.layer.size, wavelength_nm.size))
     n_outside = spectrum_on_bands(scene.outside.refractive_index, wavelength_nm, where="outside.refractive_index")
     n = [n_outside]
     for i, layer in enumerate(layers, 1):
-        entries = palette_layer == i
-        optics = layer.optics(wavelength_nm, palette_melanin[entries].astype(float))
+        entries = palette.layer == i
+        optics = layer.optics(wavelength_nm, palette.melanin[entries].astype(float))
         mu_a[entries], mu_s[entries], g[entries] = optics.mu_a, optics.mu_s, optics.g
         n.append(np.broadcast_to(optics.refractive_index, wavelength_nm.shape))
+    for k, ink in enumerate(inks):
+        known = ink in ink_names()
+        mu_a += palette.ink[:, k, None] * ink_absorption(ink if known else scene.path(ink), wavelength_nm)
     below = scene.below.refractive_index
     n_below = n[-1] if below is None else spectrum_on_bands(below, wavelength_nm, where="below.refractive_index")
-    fresnel = scene.inner_borders == "fresnel" or (scene.inner_borders == "auto" and flat and scene.slab is not None)
-    steps = [k for k, (a, b) in enumerate(itertools.pairwise(n[1:])) if np.any(a != b)]
+    fresnel = why_matched(scene, flat) is None
     return {
         "mu_a": mu_a, "mu_s": mu_s, "g": g, "refractive_index": np.stack(n), "wavelength_nm": wavelength_nm,
-        "n_outside": n_outside, "n_below": np.array(n_below), "fresnel_borders": tuple(steps) if fresnel else (),
+        "n_outside": n_outside, "n_below": np.array(n_below), "fresnel_borders": index_steps(n[1:]) if fresnel else (),
     }  # fmt: skip
+
+
+def why_matched(scene: Scene, flat: bool) -> str | None:
+    """Why no inner border reflects or refracts, whatever the indices; None where they do.
+
+    flat: whether all borders of the volume are planes.
+    """
+    if scene.inner_borders != "auto":
+        return None if scene.inner_borders == "fresnel" else "inner_borders is matched"
+    if scene.slab is None:
+        return "inner_borders is auto, which matches the layers of skin (their steps shift its color by 0.1 in L*a*b*)"
+    return None if flat else "inner_borders is auto, which matches borders that are not flat"
+
+
+def index_steps(refractive_index: Sequence[np.ndarray]) -> tuple[int, ...]:
+    """Inner borders at which the indices (T, B) of the tissue layers step in any band."""
+    return tuple(k for k, (a, b) in enumerate(itertools.pairwise(refractive_index)) if np.any(a != b))
 
 
 def _folded(
@@ -172,10 +226,12 @@ def _drop_unused(index: np.ndarray, palette_size: int) -> np.ndarray:
 
 def _provenance(scene: Scene) -> dict:
     described = scene.model_dump(mode="json", include=set(BUILD_PARTS), exclude_none=True)
-    return {"stage": "build", "hash": scene_hash(scene, BUILD_PARTS), "scene": described}
+    program = sources_hash(BUILD_SOURCES)
+    return {"stage": "build", "hash": scene_hash(scene, BUILD_PARTS), "scene": described, "program": program}
 
 
 def _check_memory(columns: tuple[int, int], voxel_layers: int, borders: int = 0) -> None:
+    """Refuse a volume (u2 a voxel), or border heights (f8 a column), that memory cannot hold."""
     require_memory(
         columns[0] * columns[1] * (2 * voxel_layers + 8 * borders),
         f"a volume of {columns[0]} x {columns[1]} x {voxel_layers} voxels",

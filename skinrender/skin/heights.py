@@ -61,11 +61,11 @@ def scene_heights(scene: Scene, layers: Sequence[LayerSpec]) -> Heights | None:
     InputError : the height map is unusable, or the relief is deeper than the layers.
     """
     size_mm = tuple(scene.patch.size_mm)
-    if scene.relief.kind == "flat" and (scene.skin is None or _wave_height_um(scene) == 0):
+    if scene.relief.kind == "flat" and wave_height_um(scene) == 0:
         return None
     samples = _samples(scene)
     require_memory(
-        samples[0] * samples[1] * (_BYTES_PER_SAMPLE + 4 * len(layers)),
+        heights_bytes(samples, len(layers)),
         f"a height field of {samples[0]} x {samples[1]} samples",
         where="patch.size_mm" if scene.relief.kind == "height_map" else "relief",
         remedy="Use a smaller patch, fewer samples, or a flat relief and border_wave.",
@@ -79,6 +79,11 @@ def scene_heights(scene: Scene, layers: Sequence[LayerSpec]) -> Heights | None:
         return None
     deepest = sum(float(field.max()) for field in (surface, wave) if field is not None)
     return Heights(surface, wave, border.fold(layers, deepest))
+
+
+def heights_bytes(samples: tuple[int, int], layers: int) -> int:
+    """Most memory that the height fields of so many samples take while they are made."""
+    return samples[0] * samples[1] * (_BYTES_PER_SAMPLE + 4 * layers)
 
 
 def _samples(scene: Scene) -> tuple[int, int]:
@@ -103,17 +108,19 @@ def _surface(scene: Scene, samples: tuple[int, int]) -> np.ndarray | None:
 def _wave(
     scene: Scene, layers: Sequence[LayerSpec], size_mm: tuple[float, float], samples: tuple[int, int]
 ) -> np.ndarray | None:
-    if scene.skin is None:
-        return None
-    height_um, period_um = _wave_height_um(scene), scene.skin.border_wave.period_um
+    height_um = wave_height_um(scene)
     if height_um == 0:
         return None
+    period_um = scene.skin.border_wave.period_um
     period_um = border.WAVE_PERIOD_UM if period_um is None else period_um
     wave = border.papillae(size_mm, samples, tuple(scene.patch.columns), height_um, period_um)
     return border.limit_wave(wave, layers).astype(np.float32)
 
 
-def _wave_height_um(scene: Scene) -> float:
+def wave_height_um(scene: Scene) -> float:
+    """Height of the wave between epidermis and dermis, valley to peak; 0 where there is none, as in slabs."""
+    if scene.skin is None:
+        return 0.0
     given = scene.skin.border_wave.peak_to_valley_um
     return border.WAVE_PEAK_TO_VALLEY_UM[scene.skin.site] if given is None else given
 

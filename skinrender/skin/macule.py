@@ -7,6 +7,7 @@ Works on voxel layers, top to bottom, as arrays (columns, voxel layers): ``melan
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -39,6 +40,27 @@ def darken_epidermis(melanin: np.ndarray, names: Sequence[str], p: np.ndarray) -
         risen = content + (own - content) * j / (count + 1)
         result[:, layer] = np.where(j <= count, np.maximum(own, risen), own)
     return result
+
+
+@dataclass(frozen=True, eq=False)
+class DermalMacule:
+    """A dermal macule with its pattern read.
+
+    Parameters
+    ----------
+    p (nx, ny) : pattern values.
+    center_layer, half_layers : see `darken_dermis`.
+    """
+
+    p: np.ndarray
+    center_layer: int
+    half_layers: int
+
+    def darken(
+        self, melanin: np.ndarray, names: Sequence[str], height_mm: np.ndarray, p: np.ndarray
+    ) -> tuple[np.ndarray, int]:
+        """`darken_dermis` in the columns of pattern values p (C,)."""
+        return darken_dermis(melanin, names, p, self.center_layer, self.half_layers)
 
 
 def darken_dermis(

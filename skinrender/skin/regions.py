@@ -33,6 +33,16 @@ class Regions:
     def count(self) -> int:
         return len(self.first_layer)
 
+    @property
+    def surface_refracts(self) -> bool:
+        """Whether the surface reflects and refracts in any band."""
+        return bool(np.any(self.index[0] != self.index[1]))
+
+    @property
+    def disperses(self) -> bool:
+        """Whether any index depends on the wavelength."""
+        return bool(np.any(self.index != self.index[:, :1]))
+
 
 def regions_of(volume: SkinVolume) -> Regions:
     """The regions of a volume.

@@ -7,10 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from skinrender.errors import RunError
+from skinrender.atomic import whole_file
 from skinrender.skin.volume import SkinVolume
 
 ZOOM_MM = 0.3
+USUAL_BYTES = 50_000
+"""Size of the file, whatever the volume."""
 _COLORS = {
     "air": "#ffffff",
     "stratum_corneum": "#e9d3a8",
@@ -23,13 +25,14 @@ _COLORS = {
     "lower_plexus": "#c9676f",
     "subcutis": "#f6e6a0",
 }
+_INK_COLOR = "#20307a"
 _SLAB_COLORS = ("#f3d9d2", "#c6d8ea", "#d3e6c4", "#ecdca8", "#d8c9e6", "#e8c4b8")
 
 
 def draw_section(volume: SkinVolume, path: str | os.PathLike) -> None:
     """Write the section as PNG: the whole depth, and its upper 0.3 mm enlarged.
 
-    Layers are told apart by color, melanin by darkness, relative to the most that the volume holds.
+    Layers are told apart by color, melanin by darkness and ink by blue, relative to the most that the volume holds.
 
     Raises
     ------
@@ -49,16 +52,31 @@ def draw_section(volume: SkinVolume, path: str | os.PathLike) -> None:
     y_mm = (row + 0.5) * volume.size_mm[1] / volume.shape[1]
     whole.set_title(f"Section at y = {y_mm:.3g} mm; below, its upper part enlarged", fontsize=10)
     _draw_legend(legend, volume)
-    _save(figure, Path(path))
+    with whole_file(path) as partial:
+        figure.savefig(partial, format="png", metadata={"Software": "skinrender"})
 
 
 def darkest_row(volume: SkinVolume) -> int:
-    """Row of voxel columns that holds the column with the most melanin over its depth; the middle one if all agree."""
+    """Row of voxel columns that holds the column with the most melanin, or ink, over its depth.
+
+    It is the middle one if all columns agree. Where melanin and ink both vary, each counts relative to its range.
+    """
     height = np.diff(volume.z_edges_mm)
-    total = np.stack([volume.palette_melanin[plane] @ height for plane in volume.palette_index])
-    if np.ptp(total) <= 1e-3 * total.max():
+    total = np.zeros(volume.shape[:2])
+    for content in (volume.palette_melanin, _ink(volume)):
+        amount = np.stack([content[plane] @ height for plane in volume.palette_index])
+        if np.ptp(amount) > 1e-3 * amount.max():
+            total += (amount - amount.min()) / np.ptp(amount)
+    if not total.any():
         return volume.shape[1] // 2
     return int(np.unravel_index(np.argmax(total), total.shape)[1])
+
+
+def _ink(volume: SkinVolume) -> np.ndarray:
+    """Volume fraction of all inks together (P,)."""
+    if volume.palette_ink is None:
+        return np.zeros(len(volume.palette_layer), np.float32)
+    return volume.palette_ink.sum(axis=1)
 
 
 def _entry_colors(volume: SkinVolume) -> np.ndarray:
@@ -66,8 +84,13 @@ def _entry_colors(volume: SkinVolume) -> np.ndarray:
     from matplotlib.colors import to_rgb
 
     base = np.array([to_rgb(_layer_color(i, name)) for i, name in enumerate(volume.layer_name)])
-    melanin = volume.palette_melanin / max(float(volume.palette_melanin.max()), 1e-9)
-    return base[volume.palette_layer] * (1 - 0.9 * np.sqrt(melanin))[:, None]
+    melanin, ink = (_relative(content)[:, None] for content in (volume.palette_melanin, _ink(volume)))
+    color = base[volume.palette_layer] * (1 - 0.9 * np.sqrt(melanin))
+    return color + np.sqrt(ink) * (np.array(to_rgb(_INK_COLOR)) - color)
+
+
+def _relative(content: np.ndarray) -> np.ndarray:
+    return content / max(float(content.max()), 1e-9)
 
 
 def _layer_color(index: int, name: str) -> str:
@@ -90,16 +113,7 @@ def _draw_legend(axes, volume: SkinVolume) -> None:
     names = list(enumerate(volume.layer_name))[1:13]
     patches = [Patch(facecolor=_layer_color(i, name), edgecolor="0.4", label=name) for i, name in names]
     patches.append(Patch(facecolor="0.15", label=f"melanin, up to {volume.palette_melanin.max():.3g}"))
+    for k, name in enumerate(volume.ink_name):
+        label = f"ink {Path(name).name}, up to {volume.palette_ink[:, k].max():.3g}"
+        patches.append(Patch(facecolor=_INK_COLOR, label=label))
     axes.legend(handles=patches, loc="center", ncols=5, fontsize=8, frameon=False)
-
-
-def _save(figure, path: Path) -> None:
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        try:
-            figure.savefig(partial, format="png", metadata={"Software": "skinrender"})
-            os.replace(partial, path)
-        finally:
-            partial.unlink(missing_ok=True)
-    except OSError as error:
-        raise RunError(f"{path}: cannot be written ({error.strerror or error})") from error

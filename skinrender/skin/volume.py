@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from skinrender.errors import InputError
-from skinrender.npz import read_npz, write_npz
+from skinrender.npz import npz_bytes, read_npz, write_npz
 
 FORMAT_VERSION = 1
 SIDES = ("periodic", "open", "dielectric")
@@ -27,7 +27,9 @@ class SkinVolume:
     ----------
     palette_index (nx, ny, nz) u2 : palette entry of each voxel.
     z_edges_mm (nz + 1,) : planes between voxels, ascending.
-    palette_layer (P,) u1, palette_melanin (P,) f4 : layer and melanosome fraction of each entry; no two are alike.
+    palette_layer (P,) u1, palette_melanin (P,) f4 : layer and melanosome fraction of each entry.
+    palette_ink (P, I) f4 : volume fraction of each ink; None without tattoos. No two entries are alike in all of these.
+    ink_name : the I inks.
     mu_a, mu_s, g (P, B) : coefficients, 1/mm.
     refractive_index (T + 1, B) : by layer, air first.
     wavelength_nm (B,) : central wavelengths of the bands.
@@ -60,6 +62,8 @@ class SkinVolume:
     surface_mm: np.ndarray | None = None
     border_mm: np.ndarray | None = None
     fresnel_borders: tuple[int, ...] = ()
+    palette_ink: np.ndarray | None = None
+    ink_name: tuple[str, ...] = ()
     provenance: dict = field(default_factory=dict)
 
     @property
@@ -67,15 +71,50 @@ class SkinVolume:
         """Voxel counts (nx, ny, nz)."""
         return self.palette_index.shape
 
+    @property
+    def has_relief(self) -> bool:
+        """Whether the surface is a height field."""
+        return self.surface_mm is not None
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether the surface and all borders are planes."""
+        return self.surface_mm is None and self.border_mm is None
+
     @cached_property
     def bounds_mm(self) -> np.ndarray:
         """Lower and upper corner (2, 3)."""
         low = (0.0, 0.0, self.z_edges_mm[0])
         return np.array([low, (*self.size_mm, self.z_edges_mm[-1])])
 
+    @cached_property
+    def tissue_index(self) -> np.ndarray:
+        """Palette volume whose air voxels hold the first tissue below them, as light in the skin meets it.
+
+        Air voxels follow the relief in steps; the exact surface cuts them, and what lies below it is tissue. Taken for air,
+        they let the forearm look 3 to 5 % too bright.
+        """
+        if not self.has_relief:
+            return self.palette_index
+        air = self.palette_layer == 0
+        filled = np.array(self.palette_index)
+        for k in range(filled.shape[2] - 2, -1, -1):
+            empty = air[filled[:, :, k]]
+            filled[:, :, k][empty] = filled[:, :, k + 1][empty]
+        return filled
+
 
 def save_volume(volume: SkinVolume, path: str | os.PathLike) -> None:
     """Write a volume as npz; raises RunError when that is not possible."""
+    write_npz(path, _members(volume))
+
+
+def volume_bytes(volume: SkinVolume) -> int:
+    """Size of the file that `save_volume` writes."""
+    return npz_bytes(_members(volume))
+
+
+def _members(volume: SkinVolume) -> dict[str, np.ndarray]:
     members = {name: getattr(volume, name) for name in _SHAPES}
     members |= {
         "layer_name": np.array(volume.layer_name),
@@ -85,9 +124,11 @@ def save_volume(volume: SkinVolume, path: str | os.PathLike) -> None:
         "sides": np.array(volume.sides),
     }
     members |= {name: getattr(volume, name) for name in _OPTIONAL if getattr(volume, name) is not None}
+    if volume.palette_ink is not None:
+        members["ink_name"] = np.array(volume.ink_name)
     members["format_version"] = np.array(FORMAT_VERSION)
     members["provenance"] = np.array(json.dumps(volume.provenance, sort_keys=True, allow_nan=False))
-    write_npz(path, members)
+    return members
 
 
 def load_volume(path: str | os.PathLike, mmap: bool = True) -> SkinVolume:
@@ -103,6 +144,7 @@ def load_volume(path: str | os.PathLike, mmap: bool = True) -> SkinVolume:
     if version is None or version.shape != () or version.dtype.kind not in "iu" or int(version) != FORMAT_VERSION:
         raise InputError(f"this is not a volume of format version {FORMAT_VERSION}", where=where, remedy=_REMEDY)
     required = [*_SHAPES, "layer_name", "size_mm", "fresnel_borders", "sides", "provenance"]
+    required += ["ink_name"] * ("palette_ink" in members)
     missing = [name for name in required if name not in members]
     if missing:
         raise InputError(f"{missing[0]} is missing", where=where, remedy=_REMEDY)
@@ -115,6 +157,7 @@ def load_volume(path: str | os.PathLike, mmap: bool = True) -> SkinVolume:
         fresnel_borders=tuple(int(k) for k in members["fresnel_borders"]),
         sides=str(members["sides"]),
         provenance=_provenance(members["provenance"], where),
+        ink_name=tuple(str(name) for name in members.get("ink_name", ())),
         **{name: members[name] for name in _OPTIONAL if name in members},
     )
 
@@ -133,7 +176,11 @@ _SHAPES = {
     "n_outside": ("f8", ("B",)),
     "n_below": ("f8", ("B",)),
 }
-_OPTIONAL = {"surface_mm": ("f4", ("hx", "hy")), "border_mm": ("f4", ("T-1", "hx", "hy"))}
+_OPTIONAL = {
+    "surface_mm": ("f4", ("hx", "hy")),
+    "border_mm": ("f4", ("T-1", "hx", "hy")),
+    "palette_ink": ("f4", ("P", "I")),
+}
 
 
 def _check_shapes(members: dict[str, np.ndarray], where: str) -> None:
@@ -141,6 +188,8 @@ def _check_shapes(members: dict[str, np.ndarray], where: str) -> None:
     described = _SHAPES | {"layer_name": ("U", ("T+1",)), "size_mm": ("f8", (None,)), "sides": ("U", ())}
     described |= {"fresnel_borders": ("i8", (None,)), "provenance": ("U", ())}
     described |= {name: shape for name, shape in _OPTIONAL.items() if name in members}
+    if "palette_ink" in members:
+        described["ink_name"] = ("U", ("I",))
     for name, (dtype, axes) in described.items():
         array = members[name]
         fits = array.ndim == len(axes) and (array.dtype.kind == "U" if dtype == "U" else array.dtype == np.dtype(dtype))
@@ -160,6 +209,7 @@ def _check_values(members: dict[str, np.ndarray], where: str) -> None:
         "z_edges_mm": np.all(np.diff(m["z_edges_mm"]) > 0),
         "palette_layer": np.all(m["palette_layer"] <= tissues) and m["palette_layer"][0] == 0,
         "palette_melanin": np.all((m["palette_melanin"] >= 0) & (m["palette_melanin"] <= 1)),
+        "palette_ink": "palette_ink" not in m or np.all((m["palette_ink"] >= 0) & (m["palette_ink"] <= 1)),
         "mu_a": np.all(m["mu_a"] >= 0),
         "mu_s": np.all(m["mu_s"] >= 0),
         "g": np.all(np.abs(m["g"]) < 1),

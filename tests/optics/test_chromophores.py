@@ -3,9 +3,8 @@ import pytest
 
 from skinrender.errors import InputError
 from skinrender.optics import chromophores
-from skinrender.optics.bands import band_range
 
-BANDS = band_range()
+BANDS = np.arange(380.0, 781.0, 5.0)
 
 
 def test_melanosome_at_the_published_points():

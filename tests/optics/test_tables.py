@@ -51,7 +51,8 @@ def test_spectrum_file_with_header_and_comments(tmp_path):
         ("400,1\nfive,2\n", "lamp.csv:2:1"),
         ("400,1\n500,nan\n", "lamp.csv:2:1"),
         ("400,1\n500,2,3\n", "lamp.csv:2:1"),
-        ("500,1\n400,2\n", "ascend"),
+        ("500,1\n400,2\n", "lamp.csv:2:1.*ascend"),
+        ("# mine\nnm,value\n400,1\n500,-2\n", "lamp.csv:4:1.*negative, got -2"),
     ],
 )
 def test_broken_spectrum_files_are_explained(tmp_path, text, message):

@@ -5,10 +5,9 @@ import pytest
 
 from skinrender.errors import InputError
 from skinrender.optics import chromophores, tables
-from skinrender.optics.bands import band_range
 from skinrender.optics.tissue import Tissue, absorption, anisotropy, reduced_scattering, tissue_optics
 
-BANDS = band_range()
+BANDS = np.arange(380.0, 781.0, 5.0)
 
 # Per cm, worked out independently: mu_a at 380 420 500 545 600 700 780 nm (545: mean of 540 and 550), mu_s at
 # 380 500 600 780 nm.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,8 +10,19 @@ import pytest
 
 from skinrender.errors import InputError
 from skinrender.optics import chromophores
+from skinrender.optics.measured_skin import TONES
+from skinrender.optics.tissue import Tissue
 from skinrender.scene import make_scene
-from skinrender.skin.anatomy import LAYER_NAMES, LayerSpec, site_layers, slab_layers
+from skinrender.skin.anatomy import (
+    EPIDERMIS,
+    LAYER_NAMES,
+    LayerSpec,
+    multiplied,
+    site_layers,
+    skin_layers,
+    slab_layers,
+    toned,
+)
 from skinrender.skin.builder import scene_layers
 
 NM = np.array([450.0, 600.0])
@@ -64,3 +76,42 @@ def test_slab_layers_are_named_from_the_top():
     described[0].name = "gel"
     with pytest.raises(InputError, match="gel"):
         slab_layers(described)
+
+
+def _toned(tone, **layers):
+    return {layer.name: layer for layer in skin_layers("forearm", layers, tone)}
+
+
+def test_darker_tones_hold_more_melanin_and_most_of_it_below():
+    amounts = []
+    for tone in TONES:
+        layers = _toned(tone)
+        share = {name: layers[name].tissue.melanosome for name in EPIDERMIS}
+        assert share["basal"] >= 0.95 * max(share.values())
+        amounts.append(sum(share[name] * layers[name].thickness_mm for name in EPIDERMIS))
+    assert np.all(np.diff(amounts) > 0)
+
+
+@pytest.mark.parametrize("tone", TONES)
+def test_a_tone_changes_melanin_and_blood_alone(tone):
+    for plain, toned_layer in zip(site_layers("forearm"), _toned(tone).values()):
+        own = replace(toned_layer.tissue, melanosome=plain.tissue.melanosome, blood=plain.tissue.blood)
+        assert (own, toned_layer.thickness_mm) == (plain.tissue, plain.thickness_mm)
+        assert (toned_layer.tissue.blood > plain.tissue.blood) == (plain.tissue.blood > 0)
+
+
+def test_a_scene_has_a_tone_and_its_layers_win_over_it():
+    scene = {"patch": {"size_mm": [1, 1], "columns": [4, 4]}, "bands_nm": [550]}
+    skin = {"tone": "brown", "layers": {"basal": {"melanosome": 0.25}}}
+    layers = {layer.name: layer for layer in scene_layers(make_scene(scene | {"skin": skin}))}
+    assert layers["basal"].tissue.melanosome == 0.25
+    assert layers["granular_spinous"].tissue.melanosome == _toned("brown")["granular_spinous"].tissue.melanosome
+
+
+def test_fractions_end_at_one():
+    assert multiplied(Tissue(melanosome=0.6, blood=0.4), 2.0, 2.0) == Tissue(melanosome=1.0, blood=0.8)
+
+
+def test_an_unknown_tone_is_refused():
+    with pytest.raises(InputError, match="green"):
+        toned(site_layers("forearm"), "green")

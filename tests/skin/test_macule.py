@@ -7,8 +7,8 @@ import pytest
 
 from skinrender.errors import InputError
 from skinrender.skin.anatomy import skin_layers
-from skinrender.skin.macule import darken_dermis, darken_epidermis, merge_below, round_half_up
-from skinrender.skin.stack import DermalMacule, voxel_stack
+from skinrender.skin.macule import DermalMacule, darken_dermis, darken_epidermis, merge_below, round_half_up
+from skinrender.skin.stack import voxel_stack
 
 # Four granular-spinous voxel layers of own content 0.1 over two basal ones of 0.2; horny layer above, dermis below.
 EPIDERMIS = ["stratum_corneum"] + 4 * ["granular_spinous"] + 2 * ["basal"] + ["papillary"]

@@ -48,6 +48,15 @@ def test_same_scene_same_bytes(volume, file, tmp_path):
     assert file.read_bytes() == (tmp_path / "again.npz").read_bytes()
 
 
+def test_air_is_filled_with_the_tissue_below(volume):
+    index = np.array([[[0, 0, 1, 2], [3, 1, 1, 2]], [[0, 1, 2, 2], [0, 0, 0, 3]]], np.uint16)
+    cut = dataclasses.replace(volume, palette_index=index, palette_layer=np.array([0, 1, 2, 3], np.uint8))
+    assert cut.tissue_index.tolist() == [[[1, 1, 1, 2], [3, 1, 1, 2]], [[1, 1, 2, 2], [3, 3, 3, 3]]]
+    assert cut.palette_index[0, 0, 0] == 0
+    full = dataclasses.replace(cut, palette_index=cut.tissue_index)
+    assert np.array_equal(full.tissue_index, cut.tissue_index)
+
+
 def _replaced(file, **changes):
     members = dict(read_npz(file)) | changes
     write_npz(file, {k: v for k, v in members.items() if v is not None})
