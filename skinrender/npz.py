@@ -7,6 +7,7 @@ equal bytes. Reading trusts nothing: no pickles, no compression, every size chec
 
 from __future__ import annotations
 
+import io
 import itertools
 import math
 import os
@@ -21,7 +22,8 @@ from pathlib import Path
 import numpy as np
 from numpy.lib import format as npy
 
-from skinrender.errors import InputError, RunError
+from skinrender.atomic import whole_file
+from skinrender.errors import InputError
 
 ALIGNMENT = 64
 PADDING_ID = 0xD935
@@ -81,22 +83,9 @@ def write_npz(path: str | os.PathLike, members: Mapping[str, np.ndarray | Stream
     ------
     RunError : the file cannot be written (full disk, read-only folder).
     """
-    path = Path(path)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        try:
-            with open(partial, "wb") as file:
-                with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
-                    for name, value in members.items():
-                        _write_member(archive, name, value)
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(partial, path)
-        finally:
-            partial.unlink(missing_ok=True)
-        _sync_folder(path.parent)
-    except OSError as error:
-        raise RunError(f"{path}: cannot be written ({error.strerror or error})") from error
+    with whole_file(path) as partial, zipfile.ZipFile(partial, "w", zipfile.ZIP_STORED) as archive:
+        for name, value in members.items():
+            _write_member(archive, name, value)
 
 
 def read_npz(path: str | os.PathLike, mmap: bool = True, verify: bool | None = None) -> dict[str, np.ndarray]:
@@ -128,25 +117,54 @@ def verify_npz(path: str | os.PathLike) -> None:
     _verify(path, _members(path))
 
 
-def _write_member(archive: zipfile.ZipFile, name: str, value: np.ndarray | Streamed) -> None:
+def npz_bytes(members: Mapping[str, np.ndarray | Streamed]) -> int:
+    """Size of the file that `write_npz` makes of these members, without reading any of their data.
+
+    Exact as long as nothing in it is larger than 4 GiB; then some dozens of bytes are left out.
+    """
+    position, directory = 0, zipfile.sizeEndCentDir
+    for name, value in members.items():
+        dtype, shape, _ = _layout(value)
+        info = _member_info(name, position)
+        header = io.BytesIO()
+        _write_header(header, dtype, shape)
+        name_and_extra = len(info.filename.encode()) + len(info.extra)
+        directory += zipfile.sizeCentralDir + name_and_extra
+        position += _LOCAL_HEADER.size + name_and_extra + _ZIP64_EXTRA
+        position += header.tell() + math.prod(shape) * dtype.itemsize
+    return position + directory
+
+
+def _layout(value: np.ndarray | Streamed) -> tuple[np.dtype, tuple[int, ...], Iterable[np.ndarray]]:
+    """Type, shape and pieces of a member."""
     if isinstance(value, Streamed):
-        dtype, shape, chunks = np.dtype(value.dtype), tuple(value.shape), value.chunks
-    else:
-        array = np.asarray(value, order="C")
-        dtype, shape, chunks = array.dtype, array.shape, (array,)
-    if dtype.hasobject:
-        raise ValueError(f"{name}: arrays of objects are not stored")
+        return np.dtype(value.dtype), tuple(value.shape), value.chunks
+    array = np.asarray(value, order="C")
+    return array.dtype, array.shape, (array,)
+
+
+def _member_info(name: str, position: int) -> zipfile.ZipInfo:
+    """Entry of a member whose local header begins at `position`, padded so that its data is aligned."""
     info = zipfile.ZipInfo(f"{name}.npy", date_time=(1980, 1, 1, 0, 0, 0))
     info.create_system = 3
     info.external_attr = 0o644 << 16
-    data_start = archive.fp.tell() + _LOCAL_HEADER.size + len(info.filename.encode()) + 4 + _ZIP64_EXTRA
+    data_start = position + _LOCAL_HEADER.size + len(info.filename.encode()) + 4 + _ZIP64_EXTRA
     padding = -data_start % ALIGNMENT
     info.extra = struct.pack("<HH", PADDING_ID, padding) + bytes(padding)
+    return info
+
+
+def _write_header(stream, dtype: np.dtype, shape: tuple[int, ...]) -> None:
+    npy.write_array_header_1_0(stream, {"descr": npy.dtype_to_descr(dtype), "fortran_order": False, "shape": shape})
+
+
+def _write_member(archive: zipfile.ZipFile, name: str, value: np.ndarray | Streamed) -> None:
+    dtype, shape, chunks = _layout(value)
+    if dtype.hasobject:
+        raise ValueError(f"{name}: arrays of objects are not stored")
     written = 0
-    with archive.open(info, "w", force_zip64=True) as stream:
-        npy.write_array_header_1_0(
-            stream, {"descr": npy.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
-        )
+    with archive.open(_member_info(name, archive.fp.tell()), "w", force_zip64=True) as stream:
+        _write_header(stream, dtype, shape)
         for chunk in chunks:
             written += _write_chunk(stream, name, np.asarray(chunk, order="C"), dtype)
     if written != math.prod(shape) * dtype.itemsize:
@@ -162,14 +180,6 @@ def _write_chunk(stream, name: str, chunk: np.ndarray, dtype: np.dtype) -> int:
     for start in range(0, data.size, _CHUNK):
         stream.write(data[start : start + _CHUNK])
     return data.size
-
-
-def _sync_folder(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def _damaged(path: Path, what: str) -> InputError:

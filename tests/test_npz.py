@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from skinrender.errors import InputError, RunError
-from skinrender.npz import Streamed, read_npz, verify_npz, write_npz
+from skinrender.npz import Streamed, npz_bytes, read_npz, verify_npz, write_npz
 
 MEMBERS = {
     "index": np.arange(60, dtype=np.uint16).reshape(3, 4, 5),
@@ -182,3 +182,11 @@ def test_overlapping_members_are_refused(tmp_path):
     (tmp_path / "a.npz").write_bytes(buffer.getvalue())
     with pytest.raises(InputError, match="one name|overlap"):
         read_npz(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize("count", [0, 1, 1000, 123_457])
+def test_size_is_known_before_the_file_is_written(tmp_path, count):
+    members = {"a": np.arange(count), "größe": np.array("x" * count), "s": Streamed("f4", (count, 3), [np.zeros((count, 3), "f4")])}
+    predicted = npz_bytes({**members, "s": Streamed("f4", (count, 3), ())})
+    write_npz(tmp_path / "file.npz", members)
+    assert (tmp_path / "file.npz").stat().st_size == predicted

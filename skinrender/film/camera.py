@@ -44,18 +44,11 @@ def view_rays(camera: Any, size_mm: tuple[float, float], subpixels: int = 1) -> 
     InputError : a perspective camera without a positive distance, or a view from below the horizon.
     """
     columns, rows = camera.pixels
-    width, height = camera.window_mm or size_mm
-    center = np.array([*(camera.center_mm or (0.5 * size_mm[0], 0.5 * size_mm[1])), 0.0])
-    right, down, axis = view_axes(camera.zenith_deg, camera.azimuth_deg)
+    center, (right, down, axis), (width, height), pinhole = image_plane(camera, size_mm)
     across = ((np.arange(columns * subpixels) + 0.5) / (columns * subpixels) - 0.5) * width
     along = ((np.arange(rows * subpixels) + 0.5) / (rows * subpixels) - 0.5) * height
     plane = center + across[None, :, None] * right + along[:, None, None] * down
-    if camera.kind == "perspective":
-        if not camera.distance_mm or camera.distance_mm <= 0.0:
-            raise InputError(
-                "a perspective camera needs its distance from the patch", where="camera.distance_mm", remedy="e.g. 300"
-            )
-        pinhole = center - camera.distance_mm * axis
+    if pinhole is not None:
         toward = plane - pinhole
         return ViewRays(
             origin=np.broadcast_to(pinhole, plane.shape).copy(),
@@ -63,6 +56,27 @@ def view_rays(camera: Any, size_mm: tuple[float, float], subpixels: int = 1) -> 
         )
     back = (_START_HEIGHT_MM + plane[..., 2].max()) / axis[2]
     return ViewRays(origin=plane - back * axis, direction=np.broadcast_to(axis, plane.shape).copy())
+
+
+def image_plane(
+    camera: Any, size_mm: tuple[float, float]
+) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray], tuple[float, float], np.ndarray | None]:
+    """Center (3,), axes (`view_axes`), extent (width, height) in mm, and the pinhole (3,) of a perspective camera.
+
+    Raises
+    ------
+    InputError : see `view_rays`.
+    """
+    extent = tuple(camera.window_mm or size_mm)
+    center = np.array([*(camera.center_mm or (0.5 * size_mm[0], 0.5 * size_mm[1])), 0.0])
+    axes = view_axes(camera.zenith_deg, camera.azimuth_deg)
+    if camera.kind != "perspective":
+        return center, axes, extent, None
+    if not camera.distance_mm or camera.distance_mm <= 0.0:
+        raise InputError(
+            "a perspective camera needs its distance from the patch", where="camera.distance_mm", remedy="e.g. 300"
+        )
+    return center, axes, extent, center - camera.distance_mm * axes[2]
 
 
 def view_axes(zenith_deg: float, azimuth_deg: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

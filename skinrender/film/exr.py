@@ -2,7 +2,7 @@
 
 One part, float32, ZIP. Channels: ``S0.550,000000nm`` radiance in the band, W m^-2 sr^-1; R, G, B linear sRGB;
 ``surface.Y``, ``single.Y``, ``multiple.Y``, ``stderr.Y``; ``irradiance.total``, W m^-2 over all bands; on request
-``T.550,000000nm``, the radiance factor.
+``T.550,000000nm``, the radiance factor. A checksum of pixels and attributes, which ZIP lacks for what it cannot shrink.
 """
 
 from __future__ import annotations
@@ -11,23 +11,31 @@ import contextlib
 import io
 import json
 import re
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from skinrender.atomic import whole_file
 from skinrender.errors import InputError, RunError
-from skinrender.film.atomic import whole_file
 from skinrender.film.color import MM2_PER_M2, SRGB_CHROMATICITIES
 from skinrender.film.spectral_image import RgbImage, SpectralImage
 
 _PARTS = ("surface_Y", "single_Y", "multiple_Y", "stderr_Y")
 _PROVENANCE = "skinrender:provenance"
 _FILM = "skinrender:film"
+_IRRADIANCE = "irradiance.total"
+_CHECKSUM = "skinrender:crc32"
 _EMISSIVE = re.compile(r"^S0\.(\d+(?:[.,]\d+)?)nm$")
 # Compressed pixels grow at most about a thousandfold; a header that claims more is damaged or hostile.
 _MOST_BYTES_PER_FILE_BYTE = 4096
+
+
+def exr_bytes(pixels: int, bands: int) -> int:
+    """Size of the file before compression, which noise leaves little to: a channel a band, and eight more."""
+    return 4 * pixels * (bands + 8)
 
 
 def write_exr(path: str | Path, image: SpectralImage, *, reflectance: bool = False) -> None:
@@ -49,6 +57,7 @@ def write_exr(path: str | Path, image: SpectralImage, *, reflectance: bool = Fal
         _FILM: json.dumps({"exposure": float(image.exposure), "light": [float(share) for share in image.light]}),
     }
     channels = {name: np.ascontiguousarray(pixels, dtype=np.float32) for name, pixels in _channels(image, reflectance)}
+    header[_CHECKSUM] = _checksum(header, channels)
     with whole_file(path) as temporary:
         try:
             with OpenEXR.File(header, channels) as file:
@@ -66,6 +75,9 @@ def read_exr(path: str | Path) -> SpectralImage | RgbImage:
     """
     path = Path(path)
     header, channels = _read_channels(path)
+    ours = _CHECKSUM in header or _FILM in header or _IRRADIANCE in channels
+    if ours and header.get(_CHECKSUM) != _checksum(header, channels):
+        raise _damaged(path, "it does not match its checksum")
     wavelengths = {name: _wavelength_nm(name) for name in channels if _EMISSIVE.match(name)}
     if wavelengths and _FILM in header:
         return _spectral_image(path, header, channels, wavelengths)
@@ -78,10 +90,9 @@ def read_exr(path: str | Path) -> SpectralImage | RgbImage:
     )
 
 
-def provenance_of(path: str | Path) -> dict[str, Any]:
-    """What determined the picture, from the header alone; empty for a foreign EXR."""
-    path = Path(path)
-    return _json_attribute(path, _header(path), _PROVENANCE)
+def channel_names(path: str | Path) -> list[str]:
+    """Names of an EXR's channels, from the header alone."""
+    return [channel.name for channel in _header(Path(path))["channels"]]
 
 
 def _channels(image: SpectralImage, reflectance: bool):
@@ -90,7 +101,7 @@ def _channels(image: SpectralImage, reflectance: bool):
         yield name, rgb[..., index]
     for part in _PARTS:
         yield part.replace("_", "."), getattr(image, part)
-    yield "irradiance.total", MM2_PER_M2 * _total_irradiance(image)
+    yield _IRRADIANCE, MM2_PER_M2 * _total_irradiance(image)
     names = [f"{nm:.6f}nm".replace(".", ",") for nm in image.wavelength_nm]
     for band, name in enumerate(names):
         yield f"S0.{name}", MM2_PER_M2 * image.radiance[..., band]
@@ -100,9 +111,19 @@ def _channels(image: SpectralImage, reflectance: bool):
             yield f"T.{name}", factor[..., band]
 
 
+def _checksum(header: Mapping[str, Any], channels: Mapping[str, np.ndarray]) -> str:
+    """CRC-32 of this program's attributes and of every channel, in hexadecimal."""
+    crc = zlib.crc32(f"{header.get(_PROVENANCE)} {header.get(_FILM)}".encode())
+    for name in sorted(channels):
+        crc = zlib.crc32(channels[name], zlib.crc32(f"{name} {channels[name].shape}".encode(), crc))
+    return f"{crc:08x}"
+
+
 def _total_irradiance(image: SpectralImage) -> np.ndarray:
     """(h, w); the file keeps irradiance as total x share per band, which one light's always is."""
     total = image.irradiance.sum(axis=-1, dtype=float)
+    if not np.all(total < np.finfo(np.float32).max / MM2_PER_M2):
+        raise RunError("the light is stronger than a picture in float32 can hold\n  weaken it, or move the lamp away")
     if not np.allclose(image.irradiance, total[..., np.newaxis] * image.light, rtol=1e-4, atol=1e-6 * total.max()):
         raise ValueError("irradiance must have the same spectrum at every pixel")
     return total
@@ -116,7 +137,7 @@ def _spectral_image(
     try:
         light, exposure = np.array(film["light"], dtype=float), float(film["exposure"])
         parts = {part: channels[part.replace("_", ".")] for part in _PARTS}
-        total = channels["irradiance.total"]
+        total = channels[_IRRADIANCE]
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"the spectral image is incomplete: {error}", where=str(path)) from error
     if light.shape != (len(names),):

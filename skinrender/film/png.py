@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from skinrender.film.atomic import whole_file
+from skinrender.atomic import whole_file
 from skinrender.film.color import encode_srgb
 
 

@@ -18,8 +18,7 @@ from skinrender.npz import read_npz
 
 FORMAT_VERSION = 1
 MAX_BANDS = 256
-BYTES_PER_PHOTON = 17
-_CHUNK = 1 << 20
+_CHUNK = 1 << 16
 _ONCE_PER_MAP = {"format_version": "i", "provenance": "U", "bounds_mm": "f"}
 _PER_BAND = {"wavelength_nm": "f", "power_per_band": "f", "emitted_per_band": "i"}
 
@@ -191,9 +190,9 @@ def _check_photons(photon_map: PhotonMap) -> None:
     low, high = photon_map.bounds_mm
     slack = 1e-5 * (high - low).max()
     for start in range(0, len(photon_map), _CHUNK):
-        position = photon_map.position[start : start + _CHUNK]
-        if not ((position >= low - slack) & (position <= high + slack)).all():
-            raise ValueError("a photon's position is not a number within the volume")
+        for axis, at in enumerate(photon_map.position[start : start + _CHUNK].T):
+            if not (at.min() >= low[axis] - slack and at.max() <= high[axis] + slack):
+                raise ValueError("a photon's position is not a number within the volume")
     per_band = np.diff(photon_map.round_band_start)
     for index, first in enumerate(photon_map.round_band_start[:-1]):
         if (photon_map.band[first : first + per_band[index]] != index % photon_map.bands).any():

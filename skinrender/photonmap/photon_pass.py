@@ -7,6 +7,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
+from skinrender.errors import RunError
 from skinrender.photonmap.first_scattering import has_single_term
 from skinrender.photonmap.light import CollimatedLight, Light, PointLight
 from skinrender.photonmap.roulette import DepthTable, keep_all, keep_visible
@@ -23,9 +24,9 @@ from skinrender.transport.medium import (
     make_majorant,
     make_medium,
     make_relief,
-    without_air,
+    stiffness,
 )
-from skinrender.transport.relief import CELL_MAX, CELL_MIN
+from skinrender.transport.relief import CELL_MAX, CELL_MIN, RELIEF_COLUMNS
 from skinrender.transport.rng import stream_key
 from skinrender.transport.walk import walk
 
@@ -33,6 +34,10 @@ SIDES = {"periodic": PERIODIC, "open": OPEN, "dielectric": DIELECTRIC}
 WALK_STAGE = 0
 TILE_MM = 1.0
 _BUFFER = (1 << 16) + LANES
+_BYTES_STORED = 16
+"""Of a photon in memory: position and direction; its band follows from its place."""
+ENDLESS = 1 << 35
+"""Flights without the end of a history after which a walk is given up: some minutes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +61,17 @@ class Round:
     stored_per_band: np.ndarray
 
 
+def round_memory_bytes(stored: float) -> float:
+    """Most that `PhotonPass.walk` holds of a round's photons: their pieces, and all of them in one array."""
+    return 2 * _BYTES_STORED * stored
+
+
+def pass_bytes(volume: SkinVolume) -> int:
+    """Most memory that a `PhotonPass` takes beside its volume: the voxels without air and as bricks, the borders' cells."""
+    fields = [field for field in regions_of(volume).heights_mm if field is not None]
+    return 3 * volume.palette_index.nbytes + sum(field.size for field in fields) * 8 * (1 + RELIEF_COLUMNS)
+
+
 class PhotonPass:
     """Walks rounds of a volume under a light; prepares each band once.
 
@@ -64,9 +80,13 @@ class PhotonPass:
     volume, light : what is lit and by what.
     seed : of the histories; a history is a pure function of (seed, band, index).
     roulette : thin out deep photons that no view ray can see.
+    real : number type of the blocks; by default float32 where that resolves the volume.
     """
 
-    def __init__(self, volume: SkinVolume, light: Light, seed: int, *, roulette: bool = False):
+    def __init__(
+        self, volume: SkinVolume, light: Light, seed: int, *, roulette: bool = False, real: type | None = None
+    ):
+        self.real = real
         self.volume = volume
         self.light = light
         self.seed = seed
@@ -85,15 +105,11 @@ class PhotonPass:
         return np.asarray(self.volume.z_edges_mm - self.volume.z_edges_mm[0], dtype=np.float64)
 
     @cached_property
-    def _filled(self) -> np.ndarray:
-        return without_air(np.asarray(self.volume.palette_index), self.volume.palette_layer == 0)
-
-    @cached_property
     def _holds(self) -> np.ndarray:
-        return make_grid(self._filled, self._z_edges, np.float32)[1]
+        return make_grid(self.volume.tissue_index, self._z_edges, np.float32)[1]
 
     def _make_grid(self, real: type):
-        return make_grid(self._filled, self._z_edges, real)[0]
+        return make_grid(self.volume.tissue_index, self._z_edges, real)[0]
 
     @cached_property
     def _regions(self):
@@ -120,12 +136,20 @@ class PhotonPass:
         lx, ly = map(float, self.volume.size_mm)
         return Borders(table, float(regions.index[0, band]), lx, ly, SIDES[self.volume.sides])
 
+    def stiffness(self, band: int) -> str | None:
+        """Why a band is walked in float64; None where float32 will do."""
+        return stiffness(make_majorant(self._plane_mu_t(band), self._z_edges)[0], self._z_edges)
+
+    def _plane_mu_t(self, band: int) -> np.ndarray:
+        """Largest extinction of each plane, 1/mm."""
+        mu_t = self.volume.mu_a[:, band] + self.volume.mu_s[:, band]
+        return np.where(self._holds, mu_t[: self._holds.shape[1]], 0.0).max(axis=1)
+
     def _make_medium(self, band: int) -> tuple[Medium, type]:
         v = self.volume
         mu_a, mu_s = v.mu_a[:, band], v.mu_s[:, band]
-        entries = self._holds.shape[1]
-        plane_mu_t = np.where(self._holds, (mu_a + mu_s)[:entries], 0.0).max(axis=1)
-        real = block_type(make_majorant(plane_mu_t, self._z_edges)[0], self._z_edges)
+        plane_mu_t = self._plane_mu_t(band)
+        real = self.real or block_type(make_majorant(plane_mu_t, self._z_edges)[0], self._z_edges)
         layer = np.maximum(v.palette_layer.astype(np.int32) - 1, 0)
         medium = make_medium(
             self._grid(real), plane_mu_t, mu_a, mu_s, v.g[:, band], layer, len(self.layer_names), self._borders(band),
@@ -179,7 +203,7 @@ class PhotonPass:
         direction = np.empty(_BUFFER, np.int32) if store else None
         left = None if exits is None else np.zeros((count, 6), np.float32)
         f, w = new_block(real)
-        state = np.zeros(3, dtype=np.int64)
+        state = np.zeros(4, dtype=np.int64)
         while True:
             walk(f, w, source, self._light_parameters, medium, self._relief, keep, position, direction, counts, left, state)
             if store:
@@ -187,5 +211,10 @@ class PhotonPass:
                 yield position[: 3 * n].reshape(n, 3).copy(), direction[:n].copy().view(np.uint16).reshape(n, 2)
             if state[1] == 0:
                 break
+            if state[3] > ENDLESS:
+                raise RunError(
+                    f"at {self.volume.wavelength_nm[band]:g} nm photons hardly ever end: none has in {ENDLESS:.1g} flights\n"
+                    "  give the tissue some absorption, or make it thinner or clearer"
+                )
         if exits is not None:
             exits.append(left[: counts[tally.REFLECTED] - counts[tally.SPECULAR]])

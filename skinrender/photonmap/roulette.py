@@ -46,7 +46,7 @@ def keep_all(volume: SkinVolume) -> DepthTable:
 
 
 def keep_visible(volume: SkinVolume) -> DepthTable:
-    """Keep in proportion to the transmittance of the clearest vertical way up, all within `FULL_DEPTH`."""
+    """Keep in proportion to the transmittance of the clearest vertical way up, all within `FULL_DEPTH`; all there is if it goes no deeper."""
     mu_t = volume.mu_a + volume.mu_s
     clearest = np.array([mu_t[np.unique(plane)].min(axis=0) for plane in np.moveaxis(volume.palette_index, 2, 0)])
     z = volume.z_edges_mm
@@ -56,4 +56,6 @@ def keep_visible(volume: SkinVolume) -> DepthTable:
     # at the upper edge of a bin, where its photons show most
     tau = np.array([np.interp(edges[:-1], z, depth[:, band]) for band in range(mu_t.shape[1])])
     keep = np.clip(np.exp(FULL_DEPTH - tau), LEAST, 1.0)
+    if keep.min() == 1.0:
+        return keep_all(volume)
     return DepthTable(keep.astype(np.float32), edges)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from skinrender.errors import InputError
-from skinrender.npz import Streamed, read_npz, write_npz
+from skinrender.npz import Streamed, npz_bytes, read_npz, write_npz
 from skinrender.photonmap.photon_map import FORMAT_VERSION
+from skinrender.transport import tally
 
 _PHOTONS_AT_ONCE = 1 << 18
 
@@ -86,10 +87,16 @@ def round_files(folder: Path) -> dict[int, Path]:
 def write_round(folder: Path, key: str, walked: Any) -> RoundCounts:
     """Write a walked round (a `photon_pass.Round`) to its file, whole or not at all; returns its counts."""
     counts = RoundCounts(walked.index, walked.emitted, walked.stored_per_band, walked.tallies)
-    members = {field.name: np.asarray(getattr(counts, field.name)) for field in fields(counts)}
-    members |= {"position": walked.position, "direction": walked.direction, "key": np.array(key)}
-    write_npz(round_path(folder, walked.index), members)
+    write_npz(round_path(folder, walked.index), _round_members(counts, key, walked.position, walked.direction))
     return counts
+
+
+def round_bytes(header: MapHeader, stored: int) -> int:
+    """Size of the file of a round that stores `stored` photons."""
+    bands, columns = len(header.wavelength_nm), tally.columns(len(header.layer_name))
+    per_band, tallies = np.zeros(bands, np.int64), Streamed(np.int64, (bands, columns), ())
+    counts = RoundCounts(0, per_band, per_band, tallies)
+    return npz_bytes(_round_members(counts, header.key, *_photons(stored, (), ())))
 
 
 def read_round(path: Path, key: str, *, verify: bool | None = None) -> RoundCounts:
@@ -101,6 +108,8 @@ def read_round(path: Path, key: str, *, verify: bool | None = None) -> RoundCoun
     try:
         if str(members["key"]) != key:
             raise ValueError("it belongs to another run")
+        if path != round_path(path.parent, int(members["index"])):
+            raise ValueError(f"it is round {members['index']} by another name")
         counts = RoundCounts(
             int(members["index"]), *(members[name].copy() for name in ("emitted", "stored_per_band", "tallies"))
         )
@@ -138,7 +147,13 @@ def read_header(path: Path) -> MapHeader:
         ) from error
 
 
-def write_map(path: Path, header: MapHeader, rounds: Sequence[RoundCounts], paths: Sequence[Path]) -> None:
+def write_map(
+    path: Path,
+    header: MapHeader,
+    rounds: Sequence[RoundCounts],
+    paths: Sequence[Path],
+    check: Callable[[], None] = lambda: None,
+) -> None:
     """Stream round files, in order, into one photon map.
 
     Parameters
@@ -146,30 +161,59 @@ def write_map(path: Path, header: MapHeader, rounds: Sequence[RoundCounts], path
     path : the ``photons.npz`` to write.
     header : what the rounds have in common.
     rounds, paths : counts and file of each round, from the first.
+    check : called often; what it raises ends the writing, and nothing is left of it.
     """
     stored = np.array([counts.stored_per_band for counts in rounds], np.int64)
     starts = np.concatenate([[0], np.cumsum(stored)])
     total = int(starts[-1])
     emitted = np.sum([counts.emitted for counts in rounds], axis=0, dtype=np.int64)
     power = np.divide(header.power_aimed_per_band, emitted, out=np.zeros(len(emitted)), where=emitted > 0)
+    tallies = np.array([counts.tallies for counts in rounds], np.int64)
+    photons = _photons(total, *(_pieces(paths, name, check) for name in ("position", "direction")))
+    band = Streamed(np.uint8, (total,), _bands(stored))
+    write_npz(path, _map_members(header, power, emitted, starts, tallies, *photons, band))
+
+
+def map_bytes(header: MapHeader, rounds: int, stored: int) -> int:
+    """Size of the map that `write_map` makes of so many rounds and photons."""
+    bands, columns = len(header.wavelength_nm), tally.columns(len(header.layer_name))
+    starts = Streamed(np.int64, (rounds * bands + 1,), ())
+    tallies = Streamed(np.int64, (rounds, bands, columns), ())
+    photons, band = _photons(stored, (), ()), Streamed(np.uint8, (stored,), ())
+    return npz_bytes(_map_members(header, np.zeros(bands), np.zeros(bands, np.int64), starts, tallies, *photons, band))
+
+
+def _photons(count: int, position: Iterable[np.ndarray], direction: Iterable[np.ndarray]) -> tuple[Streamed, Streamed]:
+    """Positions and directions of `count` photons, as they are stored."""
+    return Streamed(np.float32, (count, 3), position), Streamed(np.uint16, (count, 2), direction)
+
+
+def _round_members(counts: RoundCounts, key: str, position: Any, direction: Any) -> dict[str, Any]:
+    members = {field.name: getattr(counts, field.name) for field in fields(counts)}
+    return members | {"position": position, "direction": direction, "key": np.array(key)}
+
+
+def _map_members(
+    header: MapHeader, power: Any, emitted: Any, starts: Any, tallies: Any, position: Any, direction: Any, band: Any
+) -> dict[str, Any]:  # fmt: skip
     members = _header_members(header)
     del members["power_aimed_per_band"]
-    members |= {
+    return members | {
         "power_per_band": power,
         "emitted_per_band": emitted,
         "round_band_start": starts,
-        "tallies": np.array([counts.tallies for counts in rounds], np.int64),
-        "position": Streamed(np.float32, (total, 3), _pieces(paths, "position")),
-        "direction": Streamed(np.uint16, (total, 2), _pieces(paths, "direction")),
-        "band": Streamed(np.uint8, (total,), _bands(stored)),
+        "tallies": tallies,
+        "position": position,
+        "direction": direction,
+        "band": band,
     }
-    write_npz(path, members)
 
 
-def _pieces(paths: Sequence[Path], name: str) -> Iterator[np.ndarray]:
+def _pieces(paths: Sequence[Path], name: str, check: Callable[[], None]) -> Iterator[np.ndarray]:
     for path in paths:
         array = read_npz(path, verify=False)[name]
         for start in range(0, len(array), _PHOTONS_AT_ONCE):
+            check()
             yield array[start : start + _PHOTONS_AT_ONCE]
 
 

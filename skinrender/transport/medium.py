@@ -36,17 +36,6 @@ class Medium(NamedTuple):
     z_top: float
 
 
-def without_air(palette_index: np.ndarray, air: np.ndarray) -> np.ndarray:
-    """Palette volume (nx, ny, nz) whose air voxels hold the first tissue below them: the exact surface cuts them."""
-    if not air.any():
-        return palette_index
-    filled = palette_index.copy()
-    for k in range(palette_index.shape[2] - 2, -1, -1):
-        empty = air[filled[:, :, k]]
-        filled[:, :, k][empty] = filled[:, :, k + 1][empty]
-    return filled
-
-
 def make_grid(palette_index: np.ndarray, z_edges_mm: np.ndarray, real: type) -> tuple[Grid, np.ndarray]:
     """The voxels as bricks, and which palette entries each plane holds, (planes, P) bool.
 
@@ -145,7 +134,12 @@ def collision_thresholds(mu_a: np.ndarray, mu_s: np.ndarray, majorant_mu_t: np.n
 
 
 def block_type(majorant: np.ndarray, z_edges_mm: np.ndarray) -> type:
-    """float32, or float64 where float32 can't resolve the thinnest plane or slab (to a thousandth) at its depth.
+    """float32, or float64 for a stack that is stiff."""
+    return np.float32 if stiffness(majorant, z_edges_mm) is None else np.float64
+
+
+def stiffness(majorant: np.ndarray, z_edges_mm: np.ndarray) -> str | None:
+    """What float32 can't resolve of a stack: the thinnest plane or slab (to a thousandth) at its depth; None: it can.
 
     `move.fly` makes depth from optical depth times free path, summed over the slabs: under, over and in a clear layer
     small numbers are left of large ones. What is rounded away has to stay below a hundredth of the thinnest plane and
@@ -160,7 +154,11 @@ def block_type(majorant: np.ndarray, z_edges_mm: np.ndarray) -> type:
     resolved = 2.0**-24 * 1e3
     thin_plane = (np.diff(z_edges_mm) < resolved * z_edges_mm[1:]).any()
     thin_slab = (np.diff(depth) < resolved * depth[1:]).any()
-    return np.float64 if thin_plane or thin_slab or rounded_away or depth[-1] > 2000.0 else np.float32
+    if thin_plane or thin_slab:
+        return "a plane is too thin for its depth"
+    if rounded_away:
+        return "free paths are too short for the depth"
+    return "the optical depth is above 2000" if depth[-1] > 2000.0 else None
 
 
 def make_relief(heights: list[np.ndarray], size_mm: tuple[float, float]) -> Relief | None:

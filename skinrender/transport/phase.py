@@ -14,7 +14,8 @@ from skinrender.transport import kernel
 def phase_hg(cos_theta, g):
     """Value per steradian at the cosine between the flights before and after; its integral over the sphere is 1."""
     # (1-|g|)^2 + 2|g|(1 -+ cos) instead of 1 + g^2 - 2 g cos: no cancellation in the peak of a strongly forward g
-    away = 1.0 - cos_theta if g >= 0.0 else 1.0 + cos_theta
+    # and never below 0: a cosine rounded beyond 1 would make the root of a negative number of it
+    away = max(0.0, 1.0 - cos_theta if g >= 0.0 else 1.0 + cos_theta)
     strength = abs(g)
     base = (1.0 - strength) * (1.0 - strength) + 2.0 * strength * away
     return (1.0 - g) * (1.0 + g) / (4.0 * math.pi * base * math.sqrt(base))

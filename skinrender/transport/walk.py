@@ -50,6 +50,7 @@ from skinrender.transport.tally import (
 from skinrender.transport.turn import collide
 
 EMPTY = -1  # value of a lane's FRESH when its photon has left and no other is in it
+_PASSES = 1 << 20  # after which `walk` returns, so that whoever called it can stop
 # The vectorized passes run over whole groups of lanes (4 vectors of 16 floats): the scalar rest of such a loop rounds
 # otherwise, and a history would depend on how many others are in flight.
 _GROUP = 64
@@ -203,7 +204,7 @@ def close_holes(f, w, n):
 
 @kernel
 def walk(f, w, source, light, medium, relief, keep, position, direction, tally, exits, state):
-    """Walks the histories of `source`; returns early, to be called again, when the output arrays are nearly full.
+    """Walks the histories of `source`; returns early, to be called again, after a while and when the output is nearly full.
 
     Parameters
     ----------
@@ -215,9 +216,11 @@ def walk(f, w, source, light, medium, relief, keep, position, direction, tally, 
     position, direction : (3 n,) float32 and (n,) int32 to fill, n > LANES, or None: nothing is stored.
     tally : (columns,) int64, added to.
     exits : (histories, 6) float32 or None, see `leave`.
-    state : int64 [histories used up, lanes in flight, photons stored in this call]; 0 lanes in flight: finished.
+    state : int64 [histories used up, lanes in flight, photons stored in this call, flights since a history ended]; 0 lanes
+        in flight: finished.
     """
     cursor = state[0:1]
+    passes = 0
     n = state[1]
     stored = 0
     room = np.int64(0x7FFFFFFFFFFFFFFF)
@@ -226,7 +229,9 @@ def walk(f, w, source, light, medium, relief, keep, position, direction, tally, 
     if cursor[0] == 0:
         while n < LANES and launch(f, w, n, source, medium.borders, medium.majorant, relief, light, tally, cursor):
             n += 1
-    while n > 0 and stored <= room:
+    while n > 0 and stored <= room and passes < _PASSES:
+        passes += 1
+        launched = cursor[0]
         whole = (n + _GROUP - 1) // _GROUP * _GROUP
         fly(f, w, whole, medium.slabs)
         if medium.borders.sides == PERIODIC:
@@ -240,6 +245,7 @@ def walk(f, w, source, light, medium, relief, keep, position, direction, tally, 
         stored, holes = settle(
             f, w, n, source, medium, relief, light, keep, position, direction, stored, tally, cursor
         )
+        state[3] = 0 if holes or cursor[0] > launched else state[3] + whole
         if holes:
             n = close_holes(f, w, n)
     state[1] = n

@@ -3,7 +3,6 @@ import pytest
 
 from skinrender.film import color
 from skinrender.film.spectral_image import SpectralImage
-from skinrender.optics.bands import band_list, band_range
 from skinrender.optics.illuminants import band_weights
 
 
@@ -13,7 +12,7 @@ def make_image():
 
     def make(bands=None, lamp="D65", size=(9, 12), seed=1):
         rng = np.random.default_rng(seed)
-        wavelength_nm = band_range() if bands is None else band_list(bands)
+        wavelength_nm = np.arange(380.0, 781.0, 5.0) if bands is None else np.array(bands, float)
         light = band_weights(lamp, wavelength_nm)
         total = 0.1 * rng.uniform(0.5, 1.0, size)
         irradiance = (total[..., np.newaxis] * light).astype(np.float32)

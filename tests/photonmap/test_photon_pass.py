@@ -13,6 +13,8 @@ import pytest
 from PIL import Image
 
 from skinrender.engine.trace import trace
+from skinrender.errors import RunError
+from skinrender.photonmap import photon_pass as photon_pass_module
 from skinrender.photonmap.light import light_from_scene
 from skinrender.photonmap.photon_map import open_map
 from skinrender.photonmap.photon_pass import PhotonPass
@@ -20,7 +22,7 @@ from skinrender.scene import Scene, make_scene
 from skinrender.skin.builder import build_volume
 from skinrender.skin.volume import load_volume, save_volume
 from skinrender.transport import tally
-from tests.volumes import assert_energy
+from tests.volumes import Layer, assert_energy, beam, slab_volume
 
 BANDS = [450, 550, 650]
 
@@ -163,3 +165,11 @@ def test_compiled_and_cached_kernels_walk_the_same_photons(skin, tmp_path, repos
         walked = subprocess.run(command, env=environment, cwd=repository, capture_output=True, text=True, check=True)
         digests.append(walked.stdout)
     assert digests[0] == digests[1] and len(digests[0]) == 65
+
+
+def test_a_walk_without_end_is_given_up(monkeypatch):
+    """Light that cannot be absorbed in a slab of optical depth 1e5; looked at after a million passes."""
+    monkeypatch.setattr(photon_pass_module, "ENDLESS", 1 << 10)
+    volume = slab_volume([Layer(100.0, 0.0, 1000.0, 0.0, 1.0)])
+    with pytest.raises(RunError, match="hardly ever end.*\n.*absorption"):
+        PhotonPass(volume, beam(), 1).walk(0, np.array([5_000]), False)

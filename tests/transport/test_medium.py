@@ -15,7 +15,6 @@ from skinrender.transport.medium import (
     choose_slabs,
     flight_constants,
     make_majorant,
-    without_air,
 )  # fmt: skip
 from skinrender.transport.move import SLABS, fly
 from tests.transport.block import row
@@ -97,12 +96,3 @@ def test_ordinary_skin_flies_in_single_precision():
     thickness, mu_t = STIFF["skin"]
     edges = np.concatenate([[0.0], np.cumsum(thickness)])
     assert block_type(make_majorant(np.array(mu_t), edges)[0], edges) is np.float32
-
-
-def test_air_is_filled_with_the_tissue_below():
-    air = np.array([True, False, False, False])
-    index = np.array([[[0, 0, 1, 2], [3, 1, 1, 2]], [[0, 1, 2, 2], [0, 0, 0, 3]]], np.uint16)
-    filled = without_air(index, air)
-    assert filled.tolist() == [[[1, 1, 1, 2], [3, 1, 1, 2]], [[1, 1, 2, 2], [3, 3, 3, 3]]]
-    assert index[0, 0, 0] == 0
-    assert without_air(filled, air) is filled or np.array_equal(without_air(filled, air), filled)

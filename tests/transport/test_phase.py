@@ -62,3 +62,9 @@ def test_chi_square_of_samples_against_the_value():
     assert sum(expected) == pytest.approx(n, rel=1e-9)
     counts = np.histogram(cosines, edges)[0]
     assert stats.chisquare(counts, np.array(expected) * n / sum(expected)).pvalue > 1e-3
+
+
+@pytest.mark.parametrize("g", [1.0 - 1e-12, -1.0 + 1e-12])
+def test_a_cosine_rounded_beyond_1_is_the_peak(g):
+    cosine = math.copysign(1.0, g)
+    assert phase_hg(cosine * (1.0 + 4e-16), g) == phase_hg(cosine, g) > 0.0

@@ -1,7 +1,7 @@
 import pytest
 
+from skinrender.atomic import whole_file
 from skinrender.errors import RunError
-from skinrender.film.atomic import whole_file
 
 
 def test_success_replaces_the_file(tmp_path):
