@@ -9,6 +9,7 @@ import numpy as np
 
 from skinrender.engine.estimate import EstimateSummary, estimate
 from skinrender.film.spectral_image import SpectralImage
+from skinrender.photonmap.from_rounds import map_from_rounds
 from skinrender.photonmap.light import Light, light_from_scene
 from skinrender.photonmap.photon_map import PhotonMap
 from skinrender.photonmap.photon_pass import PhotonPass
@@ -35,24 +36,7 @@ def make_map(
     """Photons of some rounds of so many histories in every band."""
     photon_pass = PhotonPass(volume, light, seed, roulette=roulette)
     per_band = np.full(photon_pass.bands, histories)
-    walked = [photon_pass.walk(index, per_band, True) for index in range(rounds)]
-    stored = np.array([one.stored_per_band for one in walked])
-    bands = np.arange(photon_pass.bands, dtype=np.uint8)
-    return PhotonMap(
-        position=np.concatenate([one.position for one in walked]),
-        direction=np.concatenate([one.direction for one in walked]),
-        band=np.repeat(np.tile(bands, rounds), stored.ravel()),
-        wavelength_nm=volume.wavelength_nm,
-        power_per_band=photon_pass.power_per_band_aimed / (histories * rounds),
-        emitted_per_band=per_band * rounds,
-        round_band_start=np.concatenate([[0], np.cumsum(stored)]),
-        bounds_mm=volume.bounds_mm,
-        tallies=np.array([one.tallies for one in walked]),
-        layer_name=photon_pass.layer_names,
-        provenance={},
-        keep_probability=photon_pass.depth_table.keep_probability,
-        depth_edges_mm=photon_pass.depth_table.depth_edges_mm,
-    )
+    return map_from_rounds(photon_pass, [photon_pass.walk(index, per_band, True) for index in range(rounds)])
 
 
 def light_up(data: dict[str, Any], histories: int, rounds: int = 20, seed: int = 1) -> Lit:

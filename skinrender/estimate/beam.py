@@ -3,6 +3,9 @@
 For ray q, photons i at depth D_i, kernel K taken horizontally at equal depth:
 
     L(q) = (1 - F) / n^2 sum_i K(|x_q(D_i) - x_i|) exp(-tau_q(D_i)) p(w_i . -w_q) Phi_i / |w_q . grad D|
+
+Bands are walked independently, so each has its own noise, which shows as blotches of color. Where the scene does not ask
+for a kernel, the shape of a pixel's spectrum is taken with a wider one than its luminance.
 """
 
 from __future__ import annotations
@@ -13,9 +16,15 @@ import numpy as np
 
 from skinrender.estimate.deposit import deposit, ray_weights
 from skinrender.estimate.kernel_filter import SlabFilter
-from skinrender.estimate.radius import gather_radius_mm, radius_levels
-from skinrender.estimate.scatter_image import ScatteredLight, batches_of
+from skinrender.estimate.radius import COLOR_STEPS, COLOR_WIDER, STEPS, gather_radius_mm, radius_levels
+from skinrender.estimate.scatter_image import MOST_BATCHES, ScatteredLight, batches_of
 from skinrender.estimate.stream import Band, Stream
+
+
+def beam_bytes(pixels: int, rays: int, slabs: int, bands: int, rounds: int, threads: int) -> int:
+    """What `estimate_beam` holds beside its stream: slab images of batches and threads, worths of rays, the picture."""
+    images = min(rounds, MOST_BATCHES) + 6 * threads + 4  # those of threads are float64
+    return 4 * pixels * (slabs * images + bands) + 16 * rays * slabs + 8 * pixels
 
 
 def estimate_beam(stream: Stream, gather_count: int | None) -> ScatteredLight:
@@ -25,42 +34,86 @@ def estimate_beam(stream: Stream, gather_count: int | None) -> ScatteredLight:
     ----------
     gather_count : photons that a beam should meet, on average; None: as wide as the tissue allows.
     """
-    rays, volume, (h, w) = stream.lattice.rays, stream.volume, stream.shape
-    spacing = stream.lattice.spacing_mm * stream.subpixels
-    depths, photons_per_sample = stream.sampled_depths()
-    visible = int(np.sum(depths < rays.depth_edges_mm[-1]) * photons_per_sample)
-    radius = gather_radius_mm(gather_count, visible, volume.size_mm)
-    entry = stream.pixel_mean(rays.entry.T)[:2].T
-    level, radii = radius_levels(volume, entry, stream.shape, spacing, radius)
-    inside = stream.pixel_mean(rays.hit.astype(np.float32)).reshape(h, w)
-    slab_filter = SlabFilter(level, radii, inside, stream.covers_patch)
-
-    def filtered(images: np.ndarray) -> np.ndarray:
-        return np.array([slab_filter(image.reshape(h, w)) for image in images])
-
+    h, w = stream.shape
+    slabs, bands = stream.lattice.rays.slabs, stream.photon_map.bands
+    kernels, unit = _choose_kernels(stream, gather_count), stream.power_unit
     batches = batches_of(stream.photon_map.rounds)
-    radiance = np.zeros((h, w, stream.photon_map.bands), np.float32)
-    y_image = np.zeros((len(batches), rays.slabs, h * w), np.float32)
+    radiance, luminance = np.zeros((h, w, bands), np.float32), np.zeros((h, w))
+    y_image = np.zeros((len(batches), slabs, h * w), np.float32)
     totals = np.zeros(len(batches))
     seen = 0
     for band in stream.bands():
         visible = slice(0, band.slabs + 1)
         worth, factor = ray_weights(
-            band.tau[visible], band.pixel_depth[visible], band.outside_power, rays.region, rays.descent,
-            stream.lattice.bin_area, stream.pixel_of,
+            band.tau[visible], band.outside_power, stream.lattice.rays.region, stream.lattice.rays.descent,
+            stream.lattice.bin_area, stream.pixel_of, h * w,
         )  # fmt: skip
-        noise = _Noise(factor, np.float32(stream.y_weight[band.index]), y_image, totals)
+        noise = _Noise(factor, np.float32(stream.y_weight[band.index] * unit), y_image, totals)
         add = _depositor(stream, band, worth)
         image, count = band.over_batches(batches, add, noise.add, (band.slabs, h * w))
         seen += count
-        slabs = np.array_split(image, stream.threads)
-        shown = np.concatenate(list(stream.pool.map(filtered, slabs))).reshape(factor.shape)
-        radiance[:, :, band.index] = np.einsum("sq,sq->q", shown, factor).reshape(h, w)
+        shown = unit * _shown(stream, kernels.luminance, image, factor)
+        luminance += stream.y_weight[band.index] * shown
+        wider = shown if kernels.color is None else unit * _shown(stream, kernels.color, image, factor)
+        radiance[:, :, band.index] = wider
+    if kernels.color is not None:
+        _scale_luminance(radiance, luminance, stream.y_weight)
     rounds = np.array([len(batch) for batch in batches])
     scale = stream.photon_map.rounds / rounds
-    batch_y = np.array([filtered(images).sum(axis=0) for images in y_image]) * scale[:, None, None]
-    met = np.mean(np.maximum(1.0, np.pi * radii[level] ** 2))
-    return ScatteredLight(radiance, batch_y, totals * scale / (h * w), rounds, seen * met / (h * w))
+    batch_y = np.array([_filtered(kernels.luminance, images, (h, w)).sum(axis=0) for images in y_image])
+    met = seen * kernels.pixels_met / (h * w)
+    return ScatteredLight(radiance, batch_y * scale[:, None, None], unit * totals * scale / (h * w), rounds, met)
+
+
+@dataclass(frozen=True, eq=False)
+class _Kernels:
+    """What slab images are filtered with, for the luminance and for the shape of the spectra (None: the same).
+
+    pixels_met: pixels within the luminance's kernel, on average.
+    """
+
+    luminance: SlabFilter
+    color: SlabFilter | None
+    pixels_met: float
+
+
+def _choose_kernels(stream: Stream, gather_count: int | None) -> _Kernels:
+    rays, volume, (h, w) = stream.lattice.rays, stream.volume, stream.shape
+    depths, photons_per_sample = stream.sampled_depths()
+    visible = int(np.sum(depths < rays.depth_edges_mm[-1]) * photons_per_sample)
+    widest = gather_radius_mm(gather_count, visible, volume.size_mm)
+    spacing = stream.lattice.spacing_mm * stream.subpixels
+    entry = stream.pixel_mean(rays.entry.T)[:2].T
+    inside = stream.pixel_mean(rays.hit.astype(np.float32)).reshape(h, w)
+
+    def slab_filter(widest_mm: float, steps: tuple[float, ...]) -> SlabFilter:
+        return SlabFilter(*radius_levels(volume, entry, (h, w), spacing, widest_mm, steps), inside, stream.covers_patch)
+
+    luminance = slab_filter(widest, STEPS)
+    one_kernel = gather_count is not None or stream.photon_map.bands == 1
+    color = None if one_kernel else slab_filter(COLOR_WIDER * widest, COLOR_STEPS)
+    return _Kernels(luminance, color, float(np.mean(np.maximum(1.0, np.pi * luminance.radius**2))))
+
+
+def _shown(stream: Stream, slab_filter: SlabFilter, images: np.ndarray, factor: np.ndarray) -> np.ndarray:
+    """Sum over the slabs of the filtered images (S, h w) times the pixels' factors (S, h w), as (h, w)."""
+
+    def part(slabs: np.ndarray) -> np.ndarray:
+        factors = factor[slabs].reshape(-1, *stream.shape)
+        return np.einsum("sij,sij->ij", _filtered(slab_filter, images[slabs], stream.shape), factors)
+
+    return np.sum(list(stream.pool.map(part, np.array_split(np.arange(len(images)), stream.threads))), axis=0)
+
+
+def _filtered(slab_filter: SlabFilter, images: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Slab images (S, h w), filtered, (S, h, w)."""
+    return np.array([slab_filter(image.reshape(shape).astype(np.float32)) for image in images]).reshape(-1, *shape)
+
+
+def _scale_luminance(radiance: np.ndarray, luminance: np.ndarray, y_weight: np.ndarray) -> None:
+    """Scale each pixel's spectrum (h, w, B), in place, to a luminance (h, w)."""
+    own = radiance @ y_weight
+    radiance *= np.divide(luminance, own, out=np.ones_like(own), where=own > 0.0)[:, :, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +130,7 @@ class _Noise:
 
     def add(self, batch: int, image: np.ndarray) -> None:
         shown = image * self.factor
-        self.totals[batch] += shown.sum(dtype=np.float64)
+        self.totals[batch] += shown.sum()
         shown *= self.y_weight
         self.y_image[batch, : len(shown)] += shown
 

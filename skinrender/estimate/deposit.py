@@ -62,49 +62,57 @@ def image_range(x, length, low, high):
 
 
 DROP, WEIGHT = 0, 1
+MOST_RISE = 40.0
+"""Optical depth from mid-slab up to a photon; where it is more, the slab does not show and the number need only be finite."""
 BLOCK = 256
 
 
 @kernel
-def ray_weights(tau, pixel_depth, outside_power, region, descent, bin_area, pixel_of):
+def ray_weights(tau, outside_power, region, descent, bin_area, pixel_of, pixels):
     """What a photon's connection to a ray is worth, in two factors.
 
-    The filter must not blur the transmittance, so the pixel's own, to mid-slab, is kept apart from what it filters.
+    The filter must blur the light alone and nothing that belongs to the ray: neither its transmittance nor, on a relief,
+    its refraction and tilt, which go together with the transmittance. So what a pixel's rays are worth on average at
+    mid-slab is applied after the filter, and before it only what one ray is worth relative to that.
 
     Parameters
     ----------
-    tau : (S + 1, Q) optical depth of the rays at the slab edges; pixel_depth (S + 1, pixels): of the pixels.
+    tau : (S + 1, Q) optical depth of the rays at the slab edges.
     outside_power : (R, Q) power of a photon times the factor from radiance inside to radiance outside.
-    region (S,), descent (S, Q), bin_area (S,) : of the rays and their bins; pixel_of (Q,) : pixel of each ray.
+    region (S,), descent (S, Q), bin_area (S,) : of the rays and their bins.
+    pixel_of : (Q,) pixel of each ray; pixels: their number.
 
     Returns
     -------
     worth : (S, Q, 2) f4, before the filter: DROP, the optical depth across the slab along the ray, and WEIGHT, the ray's
-        transmittance relative to its pixel's x power / bin area. Side by side, as each costs a cache miss.
-    factor : (S, pixels) f4, after it: the pixel's transmittance to mid-slab.
+        worth relative to its pixel's / bin area. Side by side, as each costs a cache miss.
+    factor : (S, pixels) f4, after it: transmittance to mid-slab x outside power / descent, mean over the pixel's rays.
     """
-    slabs, count, pixels = tau.shape[0] - 1, tau.shape[1], pixel_depth.shape[1]
+    slabs, count = tau.shape[0] - 1, tau.shape[1]
     worth = np.empty((slabs, count, 2), np.float32)
-    factor = np.empty((slabs, pixels), np.float32)
+    factor = np.zeros((slabs, pixels), np.float32)
     half = np.float32(0.5)
+    rays_per_pixel = count // pixels
     for s in range(slabs):
-        for p in range(pixels):
-            factor[s, p] = np.exp(-half * (pixel_depth[s, p] + pixel_depth[s + 1, p]))
-        share = pixels / (count * bin_area[s])
         for q in range(count):
-            p = pixel_of[q]
-            worth[s, q, DROP] = tau[s + 1, q] - tau[s, q]
-            middle = half * (pixel_depth[s, p] + pixel_depth[s + 1, p] - tau[s, q] - tau[s + 1, q])
-            worth[s, q, WEIGHT] = np.exp(middle) * outside_power[region[s], q] * share / descent[s, q]
+            passed = np.exp(-half * (tau[s, q] + tau[s + 1, q]))
+            own = passed * outside_power[region[s], q] / descent[s, q]
+            worth[s, q, DROP], worth[s, q, WEIGHT] = tau[s + 1, q] - tau[s, q], own
+            factor[s, pixel_of[q]] += own / rays_per_pixel
+        share = 1.0 / (rays_per_pixel * bin_area[s])
+        for q in range(count):
+            mean = factor[s, pixel_of[q]]
+            worth[s, q, WEIGHT] = worth[s, q, WEIGHT] / mean * share if mean > 0.0 else 0.0
     return worth, factor
 
 
 @kernel
 def connect(slab, q, ux, uy, uz, anisotropy, half, region, ray_direction, worth):
-    """Radiance outside, but for the pixel's own transmittance, that a photon sends along ray q."""
+    """Light that a photon sends along ray q, in units of the pixel's factor of `ray_weights`."""
     r = region[slab]
     cosine = -(ux * ray_direction[r, q, 0] + uy * ray_direction[r, q, 1] + uz * ray_direction[r, q, 2])
-    return phase_hg(cosine, anisotropy) * math.exp(half * worth[slab, q, DROP]) * worth[slab, q, WEIGHT]
+    rise = min(half * worth[slab, q, DROP], MOST_RISE)
+    return phase_hg(cosine, anisotropy) * math.exp(rise) * worth[slab, q, WEIGHT]
 
 
 @kernel
@@ -174,7 +182,7 @@ def deposit(
     worth : of `ray_weights`; pixel_of (Q,): pixel of each ray.
     palette_index, z_edges : the voxels, or None when g is the same everywhere.
     g : (P,) anisotropy in the band.
-    image : (S, pixels) f4, added to: radiance outside but for the factor of `ray_weights`.
+    image : (S, pixels) f8, added to: radiance outside but for the factor of `ray_weights`.
 
     Returns the number of contributions.
     """
@@ -208,10 +216,10 @@ def deposit(
                         slab, q, entry[k, 0], entry[k, 1], entry[k, 2], entry[k, 3], entry[k, 5], region, ray_direction,
                         worth,
                     )  # fmt: skip
-                    image[slab, pixel_of[q]] += np.float32(entry[k, 4] * value)
+                    image[slab, pixel_of[q]] += entry[k, 4] * value
                     contributions += 1
         for k in range(n):
             if ray[k] >= 0:
-                image[cell_of[k, 0], ray[k]] += np.float32(entry[k, 0])
+                image[cell_of[k, 0], ray[k]] += entry[k, 0]
                 contributions += 1
     return contributions

@@ -13,7 +13,6 @@ import math
 import numpy as np
 
 from skinrender.estimate.deposit import image_range, slab_of, unpack_direction, voxel_of
-from skinrender.estimate.lattice import bin_of
 from skinrender.transport import kernel
 from skinrender.transport.height_field import height
 from skinrender.transport.phase import phase_hg
@@ -30,27 +29,36 @@ def depth_share(edges: np.ndarray, radius: np.ndarray, depth: np.ndarray) -> np.
 
 
 @kernel
-def transmittance_share(fine, tau, pixel_of, pixel_depth, slab, along, x, y):
-    """Transmittance at a photon's own place relative to its pixel's mean; 1 where no ray passes near.
-
-    fine = (to_lattice, start, ray_of, h, w) of the lattice of several rays a pixel; tau (S + 1, Q) of its rays,
-    pixel_depth (S + 1, pixels) of the pixels.
-    """
-    to_lattice, start, ray_of, h, w = fine
-    cell = bin_of(to_lattice, slab, x, y, h, w)
-    if cell < 0 or start[slab, cell] == start[slab, cell + 1]:
-        return 1.0
-    q = ray_of[slab, start[slab, cell]]
-    p = pixel_of[q]
-    above, below = pixel_depth[slab, p] - tau[slab, q], pixel_depth[slab + 1, p] - tau[slab + 1, q]
-    return math.exp((1.0 - along) * above + along * below)
+def own_ray(nearest, to_lattice, slab, x, y, h, w):
+    """The ray that passes nearest to a photon in a slab, also from outside the lattice."""
+    m = to_lattice
+    row = min(max(int(math.floor(m[slab, 0, 0] * x + m[slab, 0, 1] * y + m[slab, 0, 2] + 0.5)), 0), h - 1)
+    column = min(max(int(math.floor(m[slab, 1, 0] * x + m[slab, 1, 1] * y + m[slab, 1, 2] + 0.5)), 0), w - 1)
+    return nearest[slab, row * w + column]
 
 
 @kernel
-def add_to_disc(
-    s, x, y, reach, ux, uy, uz, anisotropy, weight, own, along, to_lattice, start, rays, points, region, ray_direction,
-    tau, h, w, factor, image,
-):
+def connect_to_own(own, along, x, y, ux, uy, uz, anisotropy, region, fine, relative, pixel_tau):
+    """Light that a photon sends along its own ray, in units of what the ray's pixel lets through.
+
+    That, and not the light it would send along the ray of the sample point, is what a wide sphere may average: on a relief
+    the light inside, the refracted ray and its transmittance all turn with the surface. With the sample point's own
+    direction, the estimate rose by 8 % from the narrowest spheres to 0.1 mm (forearm, seen at 50 degrees).
+    """
+    nearest, to_lattice, h, w, direction, tau, pixel_of = fine
+    q = own_ray(nearest, to_lattice, own, x, y, h, w)
+    r = region[own]
+    cosine = -(ux * direction[r, q, 0] + uy * direction[r, q, 1] + uz * direction[r, q, 2])
+    value = phase_hg(cosine, anisotropy)
+    if relative is not None:
+        p = pixel_of[q]
+        above, below = pixel_tau[own, p] - tau[own, q], pixel_tau[own + 1, p] - tau[own + 1, q]
+        value *= relative[own, q] * math.exp((1.0 - along) * above + along * below)
+    return value
+
+
+@kernel
+def add_to_disc(s, x, y, reach, weight, own, along, to_lattice, start, rays, points, tau, h, w, outside, image):
     """Adds a photon at (x, y) to the sample points of step s within `reach` sideways; returns their number."""
     contributions = 0
     a0, a1, a2 = to_lattice[s, 0, 0], to_lattice[s, 0, 1], to_lattice[s, 0, 2]
@@ -66,31 +74,51 @@ def add_to_disc(
             q = rays[s, k]
             dx, dy = points[s, q, 0] - x, points[s, q, 1] - y
             if dx * dx + dy * dy < reach * reach:
-                r = region[s]
-                cosine = -(ux * ray_direction[r, q, 0] + uy * ray_direction[r, q, 1] + uz * ray_direction[r, q, 2])
                 passed = math.exp(-((1.0 - along) * tau[own, q] + along * tau[own + 1, q]))
-                image[q] += np.float32(weight * phase_hg(cosine, anisotropy) * passed) * factor[s, q]
+                image[q] += weight * passed * outside[own, q]
                 contributions += 1
     return contributions
 
 
 @kernel
+def add_to_spheres(
+    depth, x, y, weight, own, along, edges, radius, step, widest, to_lattice, start, rays, points, tau, h, w, outside,
+    image,
+):
+    """Adds a photon at (x, y, depth) to all sample points whose sphere holds it; returns their number."""
+    contributions = 0
+    s = slab_of(edges, max(0.0, depth - widest))
+    while 0 <= s < edges.size - 1 and edges[s] <= depth + widest:
+        below = 0.5 * (edges[s] + edges[s + 1]) - depth
+        rest = radius[s] * radius[s] - below * below
+        if rest > 0.0:
+            contributions += add_to_disc(
+                s, x, y, math.sqrt(rest), weight * step[s], own, along, to_lattice, start, rays, points, tau, h, w,
+                outside, image,
+            )  # fmt: skip
+        s += 1
+    return contributions
+
+
+@kernel
 def gather_points(
-    position, direction, first, last, keep, z_top, lx, ly, periodic, relief, edges, radius, share, fine, fine_tau,
-    pixel_of, region, to_lattice, bounds, start, rays, points, ray_direction, tau, h, w, palette_index, z_edges, g,
-    factor, image,
+    position, direction, first, last, keep, z_top, lx, ly, periodic, relief, edges, radius, step, share, region,
+    fine, relative, to_lattice, bounds, start, rays, points, tau, h, w, palette_index, z_edges, g, outside, image,
 ):
     """Adds the photons first..last-1 of one band to all sample points whose sphere holds them.
 
-    radius (S,): of the spheres of each step; share: `depth_share` at equidistant depths from 0 to the last edge; fine,
-    fine_tau, pixel_of: of `transmittance_share`, fine None where the surface is flat; points (S, Q, 2); tau (S + 1, Q)
-    of the pixels; factor (S, Q): march step / sphere volume x power, what a unit of transmitted phase function adds to
-    the radiance outside. Else as `deposit.deposit`; image (Q,).
+    radius, step (S,): of the spheres of each step, and march step / sphere volume; share: `depth_share` at equidistant
+    depths from 0 to the last edge; region (S,); fine: of `connect_to_own`, the rays that photons are connected to: (nearest
+    ray of each bin, to_lattice, h, w, direction, tau, pixel of each); relative: what these are worth relative to their
+    pixel, or None where each is its pixel's only ray; points (S, Q, 2); tau (S + 1, Q) of the pixels; outside (S, Q): power
+    of a photon x factor from radiance inside to radiance outside / descent, mean over the pixel's rays. Else as
+    `deposit.deposit`; image (Q,).
     """
     contributions = 0
-    slabs = edges.size - 1
     widest = radius.max()
-    deepest = edges[slabs]
+    low_x, low_y = bounds[:, 0].min() - widest, bounds[:, 1].min() - widest
+    high_x, high_y = bounds[:, 2].max() + widest, bounds[:, 3].max() + widest
+    deepest = edges[edges.size - 1]
     share_step = deepest / (share.size - 1)
     for i in range(first, last):
         x, y, z = np.float64(position[i, 0]), np.float64(position[i, 1]), np.float64(position[i, 2])
@@ -110,23 +138,18 @@ def gather_points(
         ux, uy, uz = unpack_direction(direction[i, 0], direction[i, 1])
         own = slab_of(edges, depth)
         along = (depth - edges[own]) / (edges[own + 1] - edges[own])
-        if fine is not None:
-            weight *= transmittance_share(fine, fine_tau, pixel_of, tau, own, along, x, y)
-        s = slab_of(edges, max(0.0, depth - widest))
-        while 0 <= s < slabs and edges[s] <= depth + widest:
-            below = 0.5 * (edges[s] + edges[s + 1]) - depth
-            rest = radius[s] * radius[s] - below * below
-            if rest > 0.0:
-                reach = math.sqrt(rest)
-                x_first, x_last, y_first, y_last = 0, 0, 0, 0
-                if periodic:
-                    x_first, x_last = image_range(x, lx, bounds[s, 0] - reach, bounds[s, 2] + reach)
-                    y_first, y_last = image_range(y, ly, bounds[s, 1] - reach, bounds[s, 3] + reach)
-                for kx in range(x_first, x_last + 1):
-                    for ky in range(y_first, y_last + 1):
-                        contributions += add_to_disc(
-                            s, x + kx * lx, y + ky * ly, reach, ux, uy, uz, anisotropy, weight, own, along, to_lattice,
-                            start, rays, points, region, ray_direction, tau, h, w, factor, image,
-                        )  # fmt: skip
-            s += 1
+        x_first, x_last, y_first, y_last = 0, 0, 0, 0
+        if periodic:
+            x_first, x_last = image_range(x, lx, low_x, high_x)
+            y_first, y_last = image_range(y, ly, low_y, high_y)
+        for kx in range(x_first, x_last + 1):
+            for ky in range(y_first, y_last + 1):
+                x_k, y_k = x + kx * lx, y + ky * ly
+                value = weight * connect_to_own(
+                    own, along, x_k, y_k, ux, uy, uz, anisotropy, region, fine, relative, tau
+                )
+                contributions += add_to_spheres(
+                    depth, x_k, y_k, value, own, along, edges, radius, step, widest, to_lattice, start, rays, points, tau,
+                    h, w, outside, image,
+                )  # fmt: skip
     return contributions

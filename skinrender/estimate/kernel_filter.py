@@ -82,10 +82,15 @@ class SlabFilter:
     level : (h, w) int, index of each ray's radius; radii : in ray spacings.
     inside : (h, w) f4, 1 for rays that meet the skin.
     wrap : the lattice repeats with the patch.
+
+    Attributes
+    ----------
+    radius : (h, w) of each ray, in ray spacings.
     """
 
     def __init__(self, level: np.ndarray, radii: np.ndarray, inside: np.ndarray, wrap: bool):
         self.wrap = wrap
+        self.radius = radii[level]
         self.parts = []
         for k in np.unique(level):
             weights = gaussian(radii[k])

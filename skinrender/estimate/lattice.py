@@ -8,8 +8,10 @@ spreads. That makes the connection of a photon to the camera a table look-up, fo
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from scipy.ndimage import distance_transform_edt
 
 from skinrender.estimate.ray_paths import RayPaths
 from skinrender.transport import kernel
@@ -46,10 +48,32 @@ class RayLattice:
         """Distance of neighboring rays at the surface."""
         return float(np.sqrt(self.bin_area[0]))
 
+    @cached_property
+    def nearest_ray(self) -> np.ndarray:
+        """A ray of each bin, (S, h w) int32; where it has none, of the nearest bin that has."""
+        first = np.minimum(self.bin_start[:, :-1], self.ray_of.shape[1] - 1)
+        nearest = np.take_along_axis(self.ray_of, first, axis=1)
+        for slab, empty in enumerate(np.diff(self.bin_start, axis=1) == 0):
+            if empty.any() and not empty.all():
+                row, column = distance_transform_edt(
+                    empty.reshape(self.shape), return_distances=False, return_indices=True
+                )
+                nearest[slab] = nearest[slab].reshape(self.shape)[row, column].ravel()
+        return nearest
 
-def make_lattice(rays: RayPaths, shape: tuple[int, int]) -> RayLattice:
-    """Sort the rays of an (h, w) picture into bins."""
-    maps = np.array([_fit_bins(points, rays.hit, shape) for points in rays.point])
+
+def lattice_bytes(rays: int, slabs: int) -> int:
+    """Size in memory of a `RayLattice` beside its rays."""
+    return 12 * rays * slabs
+
+
+def make_lattice(rays: RayPaths, shape: tuple[int, int], plane: np.ndarray) -> RayLattice:
+    """Sort the rays of an (h, w) picture into bins.
+
+    plane (2, 3) : affine map from (x, y) on the mean plane to fractional (row, column), for when the rays that hit lie on
+        a line and don't tell.
+    """
+    maps = np.array([_fit_bins(points, rays.hit, shape, plane) for points in rays.point])
     start, order = _sort_rays(rays.point, rays.hit, maps, *shape)
     area = 1.0 / np.abs(np.linalg.det(maps[:, :, :2]))
     held = np.diff(start, axis=1)
@@ -58,15 +82,27 @@ def make_lattice(rays: RayPaths, shape: tuple[int, int]) -> RayLattice:
     return RayLattice(shape, rays, maps, area, start, order, only, np.array([_bin_bounds(m, shape) for m in maps]))
 
 
-def _fit_bins(point: np.ndarray, hit: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Affine map (2, 3) from (x, y) to fractional (row, column): least squares over the rays that hit."""
-    h, w = shape
-    rows, columns = np.divmod(np.flatnonzero(hit), w)
-    xy1 = np.column_stack([point[hit], np.ones(len(rows))])
-    if len(rows) < 3 or np.linalg.matrix_rank(xy1) < 3:
-        return np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
-    solution, *_ = np.linalg.lstsq(xy1, np.column_stack([rows, columns]).astype(float), rcond=None)
-    return solution.T
+def fit_plane(point: np.ndarray, cell: np.ndarray) -> np.ndarray:
+    """Affine map (2, 3) from points (Q, 2) to cells (Q, 2), fractional (row, column): least squares.
+
+    About the points' mean and in units of their spread, so that neither place nor size costs digits.
+    """
+    middle, spread = point.mean(axis=0), np.ptp(point, axis=0).max()
+    local = np.column_stack([(point - middle) / spread, np.ones(len(point))])
+    solution, *_ = np.linalg.lstsq(local, cell, rcond=None)
+    linear = solution.T[:, :2] / spread
+    return np.column_stack([linear, solution.T[:, 2] - linear @ middle])
+
+
+def _fit_bins(point: np.ndarray, hit: np.ndarray, shape: tuple[int, int], plane: np.ndarray) -> np.ndarray:
+    """Affine map (2, 3) from (x, y) to fractional (row, column), fitted to the rays that hit."""
+    if not hit.any():
+        return plane
+    cell = np.column_stack(np.divmod(np.flatnonzero(hit), shape[1])).astype(float)
+    if np.linalg.matrix_rank(cell - cell[0]) == 2:
+        return fit_plane(point[hit], cell)
+    shift = (cell - point[hit] @ plane[:, :2].T).mean(axis=0)
+    return np.column_stack([plane[:, :2], shift])
 
 
 def _bin_bounds(to_lattice: np.ndarray, shape: tuple[int, int]) -> np.ndarray:

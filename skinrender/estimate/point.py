@@ -2,10 +2,11 @@
 
 For ray q with sample points x_j every ds, spheres of radius r_j that hold about K photons:
 
-    L(q) = (1 - F) / n^2 sum_j ds sum_{i: |x_i - x_j| < r_j} exp(-tau_q(D_i)) p(w_i . -w_q) Phi_i / (V_j c(D_i))
+    L(q) = (1 - F) / n^2 sum_j ds sum_{i: |x_i - x_j| < r_j} exp(-tau_q(D_i)) p(w_i . -w_i') Phi_i / (V_j c(D_i))
 
-c is the share of a photon's weights that falls on sample points at all (`gather_points.depth_share`). The radii follow
-from the map's density at each depth and are fixed before the sum, which keeps rounds independent.
+w' is the view ray nearest to the photon (`gather_points.connect_to_own`), c the share of a photon's weights that falls on
+sample points at all (`gather_points.depth_share`). The radii follow from the map's density at each depth and are fixed
+before the sum, which keeps rounds independent.
 """
 
 from __future__ import annotations
@@ -13,31 +14,48 @@ from __future__ import annotations
 import numpy as np
 
 from skinrender.estimate.gather_points import depth_share, gather_points
-from skinrender.estimate.scatter_image import ScatteredLight, batches_of
+from skinrender.estimate.scatter_image import MOST_BATCHES, ScatteredLight, batches_of
 from skinrender.estimate.stream import Band, Stream
 
 MARCH_MM = 0.02
 WIDEST_MM = 0.1
 """Wider spheres would see past the relief's furrows."""
-_SHARE_DEPTHS = 2001
+MOST_STEPS = 500
+"""Where light reaches deeper than 10 mm, far beyond skin, steps are longer and spheres as wide as they."""
+_SHARE_DEPTHS, _SHARE_OF_STEP = 2000, 20
 
 
-def march_edges(deepest_mm: float) -> np.ndarray:
-    """Edges of equal march steps down to a depth."""
-    return np.linspace(0.0, deepest_mm, max(1, int(np.ceil(deepest_mm / MARCH_MM))) + 1)
+def point_bytes(pixels: int, rays: int, slabs: int, bands: int, rounds: int, threads: int) -> int:
+    """What `estimate_point` holds beside its stream: images of batches and threads, factors of rays, the picture."""
+    images = min(rounds, MOST_BATCHES) + 6 * threads + 4  # those of threads are float64
+    return 4 * pixels * (images + 5 * slabs + bands) + 24 * rays * slabs
+
+
+def march_edges(deepest_mm: float, side_mm: float = MARCH_MM) -> np.ndarray:
+    """Edges of equal march steps down to a depth, no longer than a side of the patch where that can be."""
+    return np.linspace(0.0, deepest_mm, int(np.clip(np.ceil(deepest_mm / min(MARCH_MM, side_mm)), 1, MOST_STEPS)) + 1)
 
 
 def sphere_radii_mm(stream: Stream, gather_count: int | None) -> np.ndarray:
-    """Radius at each march step, (S,), at which a sphere holds `gather_count` photons; between a bin and `WIDEST_MM`."""
+    """Radius at each march step, (S,), at which a sphere holds `gather_count` photons; between a bin and `WIDEST_MM`.
+
+    Spheres are never so narrow that photons fall between those of neighboring steps or pixels.
+    """
     edges = stream.lattice.rays.depth_edges_mm
     depths, photons_per_sample = stream.sampled_depths()
     count = np.histogram(depths, edges)[0] * photons_per_sample
     lx, ly = stream.volume.size_mm
     density = np.maximum(count, 1.0) / (np.diff(edges) * lx * ly)
-    radius = np.full(len(density), WIDEST_MM)
+    step = edges[1] - edges[0]
+    # spheres wider than the patch would meet the images of each photon in all its periods
+    widest = max(min(WIDEST_MM, lx, ly), step)
+    radius = np.full(len(density), widest)
     if gather_count is not None:
         radius = np.cbrt(3.0 * gather_count / (4.0 * np.pi * density))
-    return np.clip(radius, stream.pixel_lattice.spacing_mm / 2, WIDEST_MM)
+    # across the shorter side of pixels that are drawn out by a grazing view
+    pixel = 1.0 / np.linalg.norm(stream.pixel_lattice.to_lattice[0, :, :2], 2)
+    narrowest = max(0.5 * pixel, step)  # spheres of half a step would only touch
+    return np.clip(radius, narrowest, max(narrowest, widest))
 
 
 def estimate_point(stream: Stream, gather_count: int | None) -> ScatteredLight:
@@ -55,38 +73,63 @@ def estimate_point(stream: Stream, gather_count: int | None) -> ScatteredLight:
     totals = np.zeros(len(batches))
     seen = 0
     for band in stream.bands():
-        y_weight = np.float32(stream.y_weight[band.index])
+        y_weight = np.float32(stream.y_weight[band.index] * stream.power_unit)
 
         def enter(batch: int, image: np.ndarray, y_weight=y_weight) -> None:
-            totals[batch] += image.sum(dtype=np.float64)
+            totals[batch] += image.sum()
             y_image[batch] += image * y_weight
 
         image, count = band.over_batches(batches, _gatherer(stream, band, radius), enter, (h * w,))
         seen += count
-        radiance[:, :, band.index] = image.reshape(h, w)
+        radiance[:, :, band.index] = stream.power_unit * image.reshape(h, w)
     rounds = np.array([len(batch) for batch in batches])
     scale = stream.photon_map.rounds / rounds
     batch_y = y_image.reshape(-1, h, w) * scale[:, None, None]
-    return ScatteredLight(radiance, batch_y, totals * scale / (h * w), rounds, seen / (h * w * stream.lattice.rays.slabs))
+    gathered = seen / (h * w * stream.lattice.rays.slabs)
+    return ScatteredLight(radiance, batch_y, stream.power_unit * totals * scale / (h * w), rounds, gathered)
+
+
+def side_share(point: np.ndarray, radius: np.ndarray, size_mm: tuple[float, float]) -> np.ndarray:
+    """Part of the spheres that lies between the patch's sides, (S, Q) f4; there are no photons beyond.
+
+    Parameters
+    ----------
+    point : (S, Q, 2), mm, their centers; radius : (S,), mm.
+    """
+    share = np.ones(point.shape[:2], np.float32)
+    for axis, length in enumerate(size_mm):
+        for distance in (point[:, :, axis], length - point[:, :, axis]):
+            u = np.clip(distance / radius[:, None], 0.0, 1.0)
+            share *= 0.25 * (2.0 + u * (3.0 - u * u))  # volume of a ball on one side of a plane
+    return share
 
 
 def _gatherer(stream: Stream, band: Band, radius: np.ndarray):
     """The function that gathers one round of a band."""
     lattice, rays = stream.pixel_lattice, stream.pixel_lattice.rays
     edges = rays.depth_edges_mm
-    step = (np.diff(edges) / (4.0 / 3.0 * np.pi * radius**3))[:, None]
-    power = stream.pixel_mean(band.outside_power)[rays.region]
-    factor = (power / rays.descent * step).astype(np.float32)
-    share = depth_share(edges, radius, np.linspace(0.0, edges[-1], _SHARE_DEPTHS))
+    step = np.diff(edges) / (4.0 / 3.0 * np.pi * radius**3)
     finer = stream.lattice
-    fine = None if stream.subpixels == 1 else (finer.to_lattice, finer.bin_start, finer.ray_of, *finer.shape)
+    worth = band.outside_power[finer.rays.region] / finer.rays.descent
+    of_pixels = stream.pixel_mean(worth)
+    outside = of_pixels.astype(np.float32)
+    if stream.volume.sides != "periodic":
+        outside /= side_share(rays.point, radius, stream.volume.size_mm)
+    relative = None if stream.subpixels == 1 else _relative(worth, of_pixels[:, stream.pixel_of])
+    share = depth_share(edges, radius, np.linspace(0.0, edges[-1], max(_SHARE_DEPTHS, _SHARE_OF_STEP * len(radius)) + 1))
+    fine = (finer.nearest_ray, finer.to_lattice, *finer.shape, finer.rays.direction, band.tau, stream.pixel_of)
     palette, g = band.anisotropy
 
     def add(index: int, batch: int, image: np.ndarray) -> int:
         return gather_points(
-            *band.photons(index), edges, radius, share, fine, band.tau, stream.pixel_of, rays.region,
-            lattice.to_lattice, lattice.bounds, lattice.bin_start, lattice.ray_of, rays.point, rays.direction,
-            band.pixel_depth, *lattice.shape, palette, stream.volume.z_edges_mm, g, factor, image,
+            *band.photons(index), edges, radius, step, share, rays.region, fine, relative, lattice.to_lattice, lattice.bounds,
+            lattice.bin_start, lattice.ray_of, rays.point, band.pixel_depth, *lattice.shape, palette,
+            stream.volume.z_edges_mm, g, outside, image,
         )  # fmt: skip
 
     return add
+
+
+def _relative(part: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    """part / whole as f4, 0 where both are."""
+    return np.divide(part, whole, out=np.zeros(part.shape, np.float32), where=whole > 0.0, casting="unsafe")

@@ -18,11 +18,18 @@ from skinrender.skin.volume import SkinVolume
 WIDEST_MM = 0.4
 """Wider kernels begin to blur; on uniform tissue with walls at the sides the mean is 0.25 % low at 0.4 mm."""
 ALIKE = 0.03
-"""Largest difference between the kernel's mean of the epidermis' added vertical absorbance and its value at the ray."""
+"""Largest difference between the kernel's mean of the added vertical absorbance and its value at the ray."""
+COLOR_WIDER = 3.0
+"""Kernel of the spectra's shape over that of the luminance. At 1e7 photons on a forearm with a macule it lowers the noise of
+a pixel from 5.8 to 2.7 (CIEDE2000) and shifts the macule's mean a* and b* by 0.1 and 0.2."""
 EPIDERMIS_MM = 0.15
+LIGHT_DEPTH_MM = 0.4
+"""How far below the epidermis light goes that returns: 0.2 mm in the mean at 440 nm, 0.7 at 640 nm (`make lesion-table`)."""
 REFERENCE_NM = 450.0
 STEPS = (1.5, 2.2, 3.2, 4.6, 6.8, 10.0, 15.0, 22.0, 32.0)
 """Radii in pixels that a bounded kernel may take. Narrower ones, where a pattern is noisy, only add speckle."""
+COLOR_STEPS = STEPS[2:]
+"""The same for the shape of the spectra: speckle of color is seen more easily than a soft edge of color."""
 
 
 def gather_radius_mm(gather_count: int | None, photons: int, size_mm: tuple[float, float]) -> float:
@@ -33,28 +40,53 @@ def gather_radius_mm(gather_count: int | None, photons: int, size_mm: tuple[floa
     return min(WIDEST_MM, math.sqrt(gather_count / (math.pi * max(per_area, 1e-12))))
 
 
-def lesion_absorbance(volume: SkinVolume) -> np.ndarray:
-    """Vertical absorbance by column, (nx, ny), that lesions add within `EPIDERMIS_MM` of the surface, at 450 nm."""
-    band = int(np.argmin(np.abs(volume.wavelength_nm - REFERENCE_NM)))
+def lesion_absorbance(volume: SkinVolume, deepest_mm: float) -> np.ndarray:
+    """Vertical absorbance by column, (nx, ny), that lesions add down to a depth, as the light under the surface knows of it.
+
+    In the band from 450 nm on where they add most: there for melanin, in the red for a blue ink. Pigment in the epidermis
+    takes its transmittance from the light that enters. Deeper pigment takes that of both ways, but only from the light that
+    has been there, exp(-depth / `LIGHT_DEPTH_MM`) of it.
+    """
+    added = _added_mu_a(volume)
+    tissue = volume.palette_layer > 0
+    depth, passed = np.zeros(volume.shape[:2]), np.ones(volume.shape[:2])
+    light = np.ones(volume.shape[:2])
+    for k, thickness in enumerate(np.diff(volume.z_edges_mm)):
+        entry = volume.palette_index[:, :, k]
+        part = np.where(tissue[entry], np.clip(deepest_mm - depth, 0.0, thickness), 0.0)
+        below = depth + 0.5 * part - EPIDERMIS_MM
+        ways = np.where(below > 0.0, 2.0, 1.0)
+        left = passed * np.exp(-ways * added[entry] * part)
+        light -= np.exp(-np.maximum(below, 0.0) / LIGHT_DEPTH_MM) * (passed - left)
+        depth, passed = depth + part, left
+        if np.all(depth >= deepest_mm):
+            break
+    return -np.log(np.maximum(light, 1e-6))
+
+
+def _added_mu_a(volume: SkinVolume) -> np.ndarray:
+    """Absorption of each palette entry less that of the clearest in its layer, where that is most, (P,) 1/mm."""
+    first = int(np.argmin(np.abs(volume.wavelength_nm - REFERENCE_NM)))
     added = np.zeros(len(volume.palette_layer))
     for layer in np.unique(volume.palette_layer):
         entries = np.flatnonzero(volume.palette_layer == layer)
-        added[entries] = volume.mu_a[entries, band] - volume.mu_a[entries, band].min()
-    tissue = volume.palette_layer > 0
-    total = np.zeros(volume.shape[:2])
-    depth = np.zeros(volume.shape[:2])
-    for k, thickness in enumerate(np.diff(volume.z_edges_mm)):
-        entry = volume.palette_index[:, :, k]
-        part = np.where(tissue[entry], np.clip(EPIDERMIS_MM - depth, 0.0, thickness), 0.0)
-        total += added[entry] * part
-        depth += part
-        if np.all(depth >= EPIDERMIS_MM):
-            break
-    return total
+        mu_a = volume.mu_a[entries, first:]
+        added[entries] = (mu_a - mu_a.min(axis=0)).max(axis=1)
+    return added
+
+
+def is_alike(absorbance: np.ndarray) -> bool:
+    """Whether columns differ so little that the kernel may be equally wide everywhere."""
+    return bool(np.ptp(absorbance) <= ALIKE)
 
 
 def radius_levels(
-    volume: SkinVolume, point: np.ndarray, shape: tuple[int, int], spacing_mm: float, widest_mm: float
+    volume: SkinVolume,
+    point: np.ndarray,
+    shape: tuple[int, int],
+    spacing_mm: float,
+    widest_mm: float,
+    steps: tuple[float, ...] = STEPS,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Radius of every pixel: (h, w) index into radii in pixels, and those radii.
 
@@ -63,20 +95,22 @@ def radius_levels(
     point : (h w, 2) where the pixels' rays enter, mm.
     shape, spacing_mm : of the picture.
     widest_mm : the radius where nothing bounds it.
+    steps : radii in pixels where something does.
     """
-    widest = max(STEPS[0], widest_mm / spacing_mm)
-    absorbance = lesion_absorbance(volume)
-    if np.ptp(absorbance) <= ALIKE:
+    widest = max(steps[0], widest_mm / spacing_mm)
+    if is_alike(lesion_absorbance(volume, max(EPIDERMIS_MM, widest_mm))):
         return np.zeros(shape, np.int32), np.array([widest])
-    radii = np.array([*(r for r in STEPS if r < widest), widest])
+    radii = np.array([*(r for r in steps if r < widest), widest])
     nx, ny = volume.shape[:2]
     columns = np.floor(point[:, 0] / volume.size_mm[0] * nx).astype(int) % nx
     rows = np.floor(point[:, 1] / volume.size_mm[1] * ny).astype(int) % ny
-    seen = absorbance[columns, rows].reshape(shape).astype(np.float32)
-    at_ray = correlate(seen, gaussian(radii[0]), wrap=True)
     level = np.zeros(shape, np.int32)
     alike = np.ones(shape, bool)
     for k, radius in enumerate(radii[1:], start=1):
+        # light from deeper than a kernel is wide is blurred more by the tissue above
+        absorbance = lesion_absorbance(volume, max(EPIDERMIS_MM, radius * spacing_mm))
+        seen = absorbance[columns, rows].reshape(shape).astype(np.float32)
+        at_ray = correlate(seen, gaussian(radii[0]), wrap=True)
         alike &= np.abs(correlate(seen, gaussian(radius), wrap=True) - at_ray) <= ALIKE
         level[alike] = k
     return level, radii

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skinrender.estimate.view_path import geometry_band, make_view_path, relief_arrays
+from skinrender.estimate.view_path import LEVEL, geometry_band, make_view_path, relief_arrays
 from skinrender.skin.regions import regions_of
 from skinrender.skin.volume import SkinVolume
 from skinrender.transport import kernel
@@ -54,6 +54,11 @@ class RayPaths:
         return len(self.region)
 
 
+def paths_bytes(rays: int, slabs: int, regions: int, bands: int) -> int:
+    """Size in memory of the `RayPaths` of so many rays; while they are made, their transmissions are held twice."""
+    return rays * (28 * slabs + 8 * bands * regions + 12 * regions + 40)
+
+
 def visible_depth_mm(volume: SkinVolume) -> float:
     """Depth at which the clearest band of the clearest column is `VISIBLE_DEPTH` optical depths away."""
     mu_t = volume.mu_a + volume.mu_s
@@ -76,19 +81,20 @@ def visible_depth_mm(volume: SkinVolume) -> float:
     return float(reached)
 
 
-def slab_edges(volume: SkinVolume, thickest: float = 0.3) -> np.ndarray:
+def slab_edges(volume: SkinVolume, least_cosine: float = 1.0, thickest: float = 0.3) -> np.ndarray:
     """Edges of the depth slabs: the layers' borders, cut finer near the surface, down to the visible depth.
 
+    least_cosine : of the rays inside; level ones (without an index step) see a fraction of a free path deep.
     Within a slab a ray's optical depth is interpolated linearly, which is exact between borders; thin slabs keep the
     change of tissue across a wavy border and the tilt of the ray within a bin.
     """
     deepest = visible_depth_mm(volume)
     borders = volume.border_z_mm
-    edges = [0.0]
+    edges, thinnest = [0.0], 0.04 * min(1.0, 2.0 * least_cosine) * deepest
     stops = [*borders[(borders > 1e-9) & (borders < deepest)], deepest]
     for stop in stops:
         while edges[-1] < stop * (1 - 1e-9):
-            step = max(0.04 * deepest, thickest * edges[-1])
+            step = max(thinnest, thickest * edges[-1])
             parts = max(1, int(np.ceil((stop - edges[-1]) / step)))
             edges.append(edges[-1] + (stop - edges[-1]) / parts)
         edges[-1] = stop
@@ -103,10 +109,10 @@ def follow_rays(origin: np.ndarray, direction: np.ndarray, volume: SkinVolume, e
     directions, transmission = _through_regions(path, regions.index, geometry_band(volume.wavelength_nm))
     relief = None if volume.surface_mm is None else relief_arrays(volume.surface_mm)[0]
     path_edges, point, descent = _depths(path.entry, directions, path.hit, edges, region, relief, *volume.size_mm)
-    descent = np.maximum(descent, LEAST_DESCENT).astype(np.float32)
-    return RayPaths(
-        edges, region, path.hit, path.entry, directions.astype(np.float32), transmission, path_edges, point, descent
-    )
+    if relief is not None:
+        descent = np.maximum(descent, LEAST_DESCENT)
+    directions, descent = directions.astype(np.float32), descent.astype(np.float32)
+    return RayPaths(edges, region, path.hit, path.entry, directions, transmission, path_edges, point, descent)
 
 
 def _through_regions(path, index: np.ndarray, band: int) -> tuple[np.ndarray, np.ndarray]:
@@ -131,6 +137,8 @@ def refract_flat(direction, hit, eta, band):
             for b in range(eta.size):
                 factor[q, b] = (1.0 - fresnel(uz, eta[b])[0]) * eta[b] * eta[b]
             cos_t = fresnel(uz, eta[band])[1]
+            if cos_t == 0.0:
+                continue
             below[q, 0], below[q, 1], below[q, 2] = refract(ux, uy, uz, 0.0, 0.0, 1.0, eta[band], uz, cos_t)
     return below, factor
 
@@ -165,7 +173,7 @@ def _depths(entry, direction, hit, edges, region, relief, lx, ly):
 def _reach(x, y, z, ux, uy, uz, depth, relief, lx, ly):
     """Path length from (x, y, z) to the first depth D = `depth`, and dD/ds there (Newton steps, never backwards)."""
     if relief is None:
-        return max(0.0, (depth - z) / uz), uz
+        return (max(0.0, (depth - z) / uz), uz) if uz > LEVEL else (0.0, 1.0)
     step, slope = 0.0, uz
     for _ in range(8):
         h, hx, hy = height_and_gradient(relief, lx, ly, x + step * ux, y + step * uy)

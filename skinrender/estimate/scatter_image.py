@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 MOST_BATCHES = 20
+MOST_POOLED = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,6 +22,7 @@ class ScatteredLight:
     batch_radiance : (batches,) mean radiance over the rays, summed over bands, of each batch.
     batch_rounds : (batches,) rounds in each.
     gathered : photons that met a ray, on average.
+    remaining : of the reference, what may still be wrong with its mean, relative, by name: (value, standard error).
     """
 
     radiance: np.ndarray
@@ -27,11 +30,43 @@ class ScatteredLight:
     batch_radiance: np.ndarray
     batch_rounds: np.ndarray
     gathered: float
+    remaining: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 def batches_of(rounds: int) -> list[np.ndarray]:
     """Rounds in at most `MOST_BATCHES` batches of nearly equal size."""
     return [part for part in np.array_split(np.arange(rounds), min(rounds, MOST_BATCHES)) if part.size]
+
+
+def pooled(a: ScatteredLight, b: ScatteredLight) -> ScatteredLight:
+    """The light of two sets of rounds, one after the other; batches are joined in pairs when they grow many."""
+    share = b.batch_rounds.sum() / (a.batch_rounds.sum() + b.batch_rounds.sum())
+    joined = ScatteredLight(
+        a.radiance + np.float32(share) * (b.radiance - a.radiance),
+        np.concatenate([a.batch_y, b.batch_y]),
+        np.concatenate([a.batch_radiance, b.batch_radiance]),
+        np.concatenate([a.batch_rounds, b.batch_rounds]),
+        a.gathered + b.gathered,
+        {name: _mean_pair(value, b.remaining[name], share) for name, value in a.remaining.items()},
+    )
+    return joined if len(joined.batch_rounds) <= MOST_POOLED else _halved(joined)
+
+
+def _mean_pair(a: tuple[float, float], b: tuple[float, float], share: float) -> tuple[float, float]:
+    return (1 - share) * a[0] + share * b[0], float(np.hypot((1 - share) * a[1], share * b[1]))
+
+
+def _halved(light: ScatteredLight) -> ScatteredLight:
+    """With half as many batches, each of two neighbors (an odd last one stays)."""
+    starts = np.arange(0, len(light.batch_rounds), 2)
+    rounds = np.add.reduceat(light.batch_rounds, starts)
+
+    def means(values: np.ndarray) -> np.ndarray:
+        weight = light.batch_rounds.reshape((-1,) + (1,) * (values.ndim - 1))
+        sums = np.add.reduceat(values * weight, starts, axis=0)
+        return (sums / rounds.reshape((-1,) + (1,) * (values.ndim - 1))).astype(values.dtype)
+
+    return replace(light, batch_y=means(light.batch_y), batch_radiance=means(light.batch_radiance), batch_rounds=rounds)
 
 
 def batch_stderr(values: np.ndarray, rounds: np.ndarray) -> np.ndarray:

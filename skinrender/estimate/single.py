@@ -16,7 +16,7 @@ import numpy as np
 
 from skinrender.estimate.connection import connect, make_lamp
 from skinrender.estimate.sky import sky_single_scattering
-from skinrender.estimate.view_path import ViewPath, geometry_band
+from skinrender.estimate.view_path import LEVEL, ViewPath, geometry_band
 from skinrender.photonmap.first_scattering import has_single_term, is_laterally_uniform
 from skinrender.photonmap.light import CollimatedLight, Light, SkyLight
 from skinrender.skin.regions import regions_of
@@ -55,13 +55,13 @@ def single_scattering(view: ViewPath, volume: Any, light: Light) -> np.ndarray:
         )
         return np.where(view.hit[:, None], light.radiance * inside * view.transmission, 0.0)
     uniform = is_laterally_uniform(volume.palette_index)
-    palette, z_edges = _merge_planes(
+    palette, z_edges = merge_planes(
         volume.palette_index[:1, :1] if uniform else volume.palette_index, volume.z_edges_mm
     )
     longest_step = np.full(len(mu_t), np.inf) if uniform else _steps_across_columns(volume, mu_t)
     lamp = make_lamp(light, float(eta[geometry_band(volume.wavelength_nm)]))
     inside = _scatter_once(
-        view.hit, view.entry, view.direction, lamp, eta, geometry_band(volume.wavelength_nm), palette,
+        view.hit & (view.cos_inside > LEVEL), view.entry, view.direction, lamp, eta, geometry_band(volume.wavelength_nm), palette,
         z_edges, *map(float, volume.size_mm), z_end, volume.sides == "periodic", mu_t, volume.mu_s, volume.g,
         longest_step,
     )  # fmt: skip
@@ -69,7 +69,7 @@ def single_scattering(view: ViewPath, volume: Any, light: Light) -> np.ndarray:
     return power * inside * view.transmission
 
 
-def _merge_planes(palette_index: np.ndarray, z_edges_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def merge_planes(palette_index: np.ndarray, z_edges_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The same volume in as few planes as hold it: the passages then cross fewer voxels."""
     changes = (palette_index[:, :, 1:] != palette_index[:, :, :-1]).any(axis=(0, 1))
     first = np.concatenate([[0], np.flatnonzero(changes) + 1])
@@ -175,7 +175,7 @@ def _march(
         while s < voxel_end:
             ds = min(voxel_end - s, longest_step[entry] / max(drift, 1e-3))
             if lamp.is_point:
-                ds = min(ds, min(max(first_step, _GROWTH * s), _STEP_OF_HEIGHT * lamp.height))
+                ds = min(ds, min(max(first_step, _GROWTH * s), _STEP_OF_HEIGHT * (lamp.height + dz * s)))
             end = s + ds if ds < voxel_end - s else voxel_end
             cos_b, drift = _light_at(
                 light_b, tau_b, lamp, tile_x, tile_y, eta, band, palette, z_edges, lx, ly, periodic, mu_t,

@@ -13,12 +13,26 @@ from skinrender.estimate.lattice import RayLattice
 from skinrender.estimate.ray_paths import VISIBLE_DEPTH
 from skinrender.estimate.transmittance import allocate, view_optical_depth
 from skinrender.estimate.view_path import relief_arrays
+from skinrender.photonmap.first_scattering import is_laterally_uniform
 from skinrender.photonmap.photon_map import PhotonMap
 from skinrender.skin.volume import SkinVolume
 
 _DEPTHS_AT_ONCE = 2**26
 """Optical depths held at once, 256 MB: the rays are followed through the voxels once for as many bands as that holds."""
 _SAMPLE = 200_000
+_ANY_WIDTH_MM = 1e30
+
+
+def depths_bytes(rays: int, slabs: int, bands: int) -> int:
+    """Size in memory of the optical depths, of which the last bands' are still held while the next are made."""
+    of_band = rays * (slabs + 1)
+    at_once = min(bands, bands_at_once(of_band))
+    return 4 * of_band * min(bands, 2 * at_once)
+
+
+def bands_at_once(depths: int) -> int:
+    """Bands whose optical depths, so many a band, are held together."""
+    return max(1, _DEPTHS_AT_ONCE // depths)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +62,7 @@ class Stream:
     def bands(self) -> Iterator[Band]:
         """Each band with its optical depths along the rays, computed some bands at a time."""
         count = self.photon_map.bands
-        at_once = max(1, _DEPTHS_AT_ONCE // self.lattice.rays.path_edges.size)
+        at_once = bands_at_once(self.lattice.rays.path_edges.size)
         for first in range(0, count, at_once):
             chosen = np.arange(first, min(first + at_once, count))
             for band, tau in zip(chosen, self._optical_depths(chosen)):
@@ -65,6 +79,11 @@ class Stream:
     def relief(self) -> np.ndarray | None:
         """Control points of the surface, None when flat."""
         return None if self.volume.surface_mm is None else relief_arrays(self.volume.surface_mm)[0]
+
+    @cached_property
+    def power_unit(self) -> float:
+        """W of the strongest photon: images are made in this unit, so that light of any power fits into float32."""
+        return float(self.photon_map.power_per_band.max()) or 1.0
 
     @cached_property
     def covers_patch(self) -> bool:
@@ -103,14 +122,17 @@ class Stream:
 
     def _optical_depths(self, bands: np.ndarray) -> np.ndarray:
         """Optical depth of every ray at the slab edges, (bands, S + 1, Q) f4."""
-        volume, rays = self.volume, self.lattice.rays
+        volume, rays, (lx, ly) = self.volume, self.lattice.rays, self.volume.size_mm
+        palette_index = volume.tissue_index
+        if is_laterally_uniform(palette_index):  # one column without sides: a level ray may cross a million periods
+            palette_index, lx, ly = palette_index[:1, :1], _ANY_WIDTH_MM, _ANY_WIDTH_MM
         depth = allocate(rays, len(bands))
         mu_t = np.ascontiguousarray((volume.mu_a + volume.mu_s)[:, bands])
         bounds = np.linspace(0, len(rays.hit), 2 * self.threads + 1).astype(int)
 
         def follow(k: int) -> None:
             view_optical_depth(
-                volume.palette_index, volume.z_edges_mm, *volume.size_mm, mu_t, rays.entry, rays.direction, rays.region,
+                palette_index, volume.z_edges_mm, lx, ly, mu_t, rays.entry, rays.direction, rays.region,
                 rays.path_edges, rays.hit, 3 * VISIBLE_DEPTH, bounds[k], bounds[k + 1], depth,
             )  # fmt: skip
 
@@ -138,16 +160,12 @@ class Band:
         volume = self.stream.volume
         g = np.ascontiguousarray(volume.g[:, self.index])
         used = g[volume.palette_layer > 0]
-        return (None, used[:1].copy()) if np.ptp(used) == 0.0 else (volume.palette_index, g)
+        return (None, used[:1].copy()) if np.ptp(used) == 0.0 else (volume.tissue_index, g)
 
     @cached_property
     def keep(self) -> np.ndarray | None:
         """Roulette table of the band: bins per mm and keep probabilities; None when all were kept."""
-        photon_map = self.stream.photon_map
-        if photon_map.keep_probability is None:
-            return None
-        bins_per_mm = 1.0 / (photon_map.depth_edges_mm[1] - photon_map.depth_edges_mm[0])
-        return np.concatenate([[bins_per_mm], photon_map.keep_probability[self.index]]).astype(np.float64)
+        return roulette_table(self.stream.photon_map, self.index)
 
     @cached_property
     def slabs(self) -> int:
@@ -157,9 +175,10 @@ class Band:
 
     @cached_property
     def outside_power(self) -> np.ndarray:
-        """Power of a photon times the factor from radiance inside a region to radiance outside, (R, Q)."""
+        """Power of a photon (in `power_unit`) times the factor from radiance inside a region to that outside, (R, Q)."""
         rays = self.stream.lattice.rays
-        outside = rays.transmission[:, :, self.index] * self.stream.photon_map.power_per_band[self.index]
+        power = self.stream.photon_map.power_per_band[self.index] / self.stream.power_unit
+        outside = rays.transmission[:, :, self.index] * power
         return np.where(rays.hit, outside, 0.0)
 
     @cached_property
@@ -182,22 +201,38 @@ class Band:
     def over_batches(
         self, batches: list[np.ndarray], add: Callable, enter: Callable, shape: tuple[int, ...]
     ) -> tuple[np.ndarray, int]:
-        """Run ``add(round, batch, image)`` over the rounds of each batch, then ``enter(batch, image)``.
+        """See `over_batches`."""
+        return over_batches(self.stream.pool, self.stream.threads, batches, add, enter, shape)
 
-        A thread takes every n-th batch. Returns the sum of the batches' images and of the counts that `add` returned.
-        """
-        threads = min(self.stream.threads, len(batches))
 
-        def run(thread: int) -> tuple[np.ndarray, int]:
-            total, image = np.zeros(shape, np.float32), np.empty(shape, np.float32)
-            count = 0
-            for k in range(thread, len(batches), threads):
-                image[:] = 0.0
-                for index in batches[k]:
-                    count += add(int(index), k, image)
-                enter(k, image)
-                total += image
-            return total, count
+def roulette_table(photon_map: PhotonMap, band: int) -> np.ndarray | None:
+    """Roulette table of a band as the kernels read it: bins per mm, then keep probabilities; None when all were kept."""
+    if photon_map.keep_probability is None:
+        return None
+    bins_per_mm = 1.0 / (photon_map.depth_edges_mm[1] - photon_map.depth_edges_mm[0])
+    return np.concatenate([[bins_per_mm], photon_map.keep_probability[band]]).astype(np.float64)
 
-        done = list(self.stream.pool.map(run, range(threads)))
-        return np.sum([image for image, _ in done], axis=0), sum(count for _, count in done)
+
+def over_batches(
+    pool: ThreadPoolExecutor, threads: int, batches: list[np.ndarray], add: Callable, enter: Callable, shape: tuple[int, ...]
+) -> tuple[np.ndarray, int]:
+    """Run ``add(round, batch, image)`` over the rounds of each batch, then ``enter(batch, image)``.
+
+    A thread takes every n-th batch. The images are float64: a sum in float32 stops growing once it is 2^24 times what is
+    added. Returns the sum of the batches' images and of the counts that `add` returned.
+    """
+    threads = min(threads, len(batches))
+
+    def run(thread: int) -> tuple[np.ndarray, int]:
+        total, image = np.zeros(shape), np.empty(shape)
+        count = 0
+        for k in range(thread, len(batches), threads):
+            image[:] = 0.0
+            for index in batches[k]:
+                count += add(int(index), k, image)
+            enter(k, image)
+            total += image
+        return total, count
+
+    done = list(pool.map(run, range(threads)))
+    return np.sum([image for image, _ in done], axis=0), sum(count for _, count in done)

@@ -26,6 +26,11 @@ OIL_ROUGHNESS = 0.1
 _SKY_SAMPLES = 64
 
 
+def surface_bytes(rays: int, bands: int) -> int:
+    """Most that the reflection of so many rays holds: five arrays by ray and band, from view path to sum."""
+    return 5 * 8 * rays * bands
+
+
 def irradiance(light: Light, points: np.ndarray, size_mm: tuple[float, float], periodic: bool) -> np.ndarray:
     """Irradiance on the mean plane z = 0, nothing in the way, (..., B) W/mm2.
 

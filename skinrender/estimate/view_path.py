@@ -17,6 +17,8 @@ from skinrender.transport.fresnel import fresnel, refract
 from skinrender.transport.height_field import cell_bounds, first_hit, height_and_gradient, slab_interval
 
 GEOMETRY_NM = 550.0
+LEVEL = 1e-6
+"""Cosine below which a ray under a flat border goes nowhere: total reflection, or grazing beyond any camera."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,14 @@ class ViewPath:
 def geometry_band(wavelength_nm: np.ndarray) -> int:
     """Index of the band whose refractive indices bend the rays: the nearest to 550 nm."""
     return int(np.argmin(np.abs(np.asarray(wavelength_nm) - GEOMETRY_NM)))
+
+
+def dispersion_mm(volume: Any, zenith_deg: float, depth_mm: float) -> float:
+    """How far aside a ray of any band is at a depth of a flat surface from the one that all bands share."""
+    eta = volume.n_outside / regions_of(volume).index[1]
+    sine = eta * math.sin(math.radians(zenith_deg))
+    aside = depth_mm * sine / np.sqrt(np.maximum(1.0 - sine**2, 1e-12))
+    return float(np.abs(aside - aside[geometry_band(volume.wavelength_nm)]).max())
 
 
 def make_view_path(origin: np.ndarray, direction: np.ndarray, volume: Any) -> ViewPath:
@@ -128,6 +138,8 @@ def _refract_rays(direction, normal, hit, eta, band):
         for b in range(bands):
             factor[q, b] = (1.0 - fresnel(cos_i, eta[b])[0]) * eta[b] * eta[b]
         cos_t = fresnel(cos_i, eta[band])[1]
+        if cos_t == 0.0:  # total reflection: no direction inside, as the ray has no light from there
+            continue
         cosine[q] = cos_t
         inside[q, 0], inside[q, 1], inside[q, 2] = refract(ux, uy, uz, nx, ny, nz, eta[band], cos_i, cos_t)
     return inside, cosine, factor

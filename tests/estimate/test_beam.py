@@ -84,3 +84,16 @@ def test_wide_kernels_have_less_noise_and_the_same_mean():
 def test_more_photons_wanted_than_there_are_is_the_widest_kernel():
     (many, _), (widest, _) = see(lit(), "beam", gather_count=10**9), see(lit(), "beam")
     assert np.array_equal(many.radiance, widest.radiance)
+
+
+def test_spectra_take_a_wider_kernel_than_luminance():
+    """More bands, each with its own noise: the luminance is that of one kernel, and colors are less noisy."""
+    data = {**slab_data(LAYERS, {"kind": "collimated"}, 4.0, PIXELS), "bands_nm": [460, 500, 540, 580, 620, 660]}
+    colored = light_up(data, 100)
+    (one_kernel, _), (two, _) = see(colored, "beam", gather_count=10**9), see(colored, "beam")
+    assert two.y() == pytest.approx(one_kernel.y(), rel=1e-5)
+    assert np.array_equal(two.stderr_Y, one_kernel.stderr_Y)
+    spread = [(image.radiance / image.y()[:, :, None]).std(axis=(0, 1)).mean() for image in (one_kernel, two)]
+    assert spread[1] < 0.5 * spread[0]
+    means = [image.radiance.mean(axis=(0, 1)) for image in (one_kernel, two)]
+    assert means[1] == pytest.approx(means[0], rel=5e-3)

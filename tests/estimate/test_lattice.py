@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from skinrender.engine.view import picture_plane
 from skinrender.estimate.lattice import NO_RAY, SEVERAL_RAYS, RayLattice, bin_of, make_lattice
 from skinrender.estimate.ray_paths import follow_rays
 from skinrender.film.camera import view_rays
@@ -25,7 +26,9 @@ def hills(depth_mm: float = 0.05, samples: int = 40) -> np.ndarray:
 def lattice_of(camera, surface=None, sides: str = "periodic") -> RayLattice:
     volume = slab_volume([Layer(1.0, 0.1, 10.0)], size=SIZE, surface=surface, sides=sides)
     rays = view_rays(camera, SIZE)
-    return make_lattice(follow_rays(rays.origin, rays.direction, volume, EDGES), rays.origin.shape[:2])
+    shape = rays.origin.shape[:2]
+    plane = picture_plane(camera, volume, shape)
+    return make_lattice(follow_rays(rays.origin, rays.direction, volume, EDGES), shape, plane)
 
 
 CAMERAS = {
@@ -128,3 +131,11 @@ def test_a_view_of_the_sky_alone_is_empty():
     lattice = lattice_of(camera, sides="open")
     assert not lattice.rays.hit.any()
     assert not lattice.bin_start[:, -1].any()
+
+
+@pytest.mark.parametrize("pixels", [(1, 1), (1, 6), (5, 1)])
+def test_bins_of_a_line_of_pixels_are_the_cameras(pixels):
+    lattice = lattice_of(OrthographicCamera(pixels=pixels))
+    area = SIZE[0] * SIZE[1] / (pixels[0] * pixels[1])
+    assert np.allclose(lattice.bin_area, area)
+    assert np.array_equal(lattice.only_ray[0], np.arange(pixels[0] * pixels[1]))

@@ -58,7 +58,17 @@ HARD_EDGE = np.where(X < 2.0, DARKER, 0.0)
 
 
 def test_absorbance_is_what_the_lesion_adds():
-    assert lesion_absorbance(stained(HARD_EDGE)) == pytest.approx(np.repeat(HARD_EDGE[:, None] * 0.1, COLUMNS[1], axis=1))
+    assert lesion_absorbance(stained(HARD_EDGE), 0.5) == pytest.approx(np.repeat(HARD_EDGE[:, None] * 0.1, COLUMNS[1], axis=1))
+
+
+def test_absorbance_of_a_blue_ink_is_that_in_the_red():
+    volume = stained(HARD_EDGE)
+    bands = np.array([400.0, 450.0, 650.0])
+    mu_a = np.repeat(volume.mu_a, 3, axis=1)
+    mu_a[volume.palette_layer == 1, :2] = EPIDERMIS.mu_a
+    mu_a[3, 0] += 100.0  # below 450 nm nothing counts
+    blue = replace(volume, mu_a=mu_a, wavelength_nm=bands)
+    assert np.array_equal(lesion_absorbance(blue, 0.5), lesion_absorbance(volume, 0.5)) and lesion_absorbance(blue, 0.5).max() > ALIKE
 
 
 def test_even_skin_has_the_widest_kernel_everywhere():
@@ -88,7 +98,7 @@ def test_no_kernel_mixes_more_absorbance_than_it_may():
     """But for the narrowest, which is never given up."""
     pattern = np.random.default_rng(4).uniform(0.0, 2.0, 80) * (X > 1.0)
     volume = stained(pattern)
-    seen = lesion_absorbance(volume).T.astype(np.float32)
+    seen = lesion_absorbance(volume, WIDEST_MM).T.astype(np.float32)
     at_ray = correlate(seen, gaussian(STEPS[0]), wrap=True)
     radii = radii_mm(volume) / SPACING_MM
     for radius in np.unique(radii)[1:]:
@@ -106,10 +116,25 @@ def test_faint_lesion_does_not_narrow_the_kernel():
     assert radii_mm(stained(HARD_EDGE * (0.9 * ALIKE / (DARKER * 0.1)))) == pytest.approx(WIDEST_MM)
 
 
-def test_deep_lesion_does_not_narrow_the_kernel():
-    """Light from there is blurred by the tissue above."""
-    deep = stained(HARD_EDGE, epidermis=EPIDERMIS._replace(thickness=0.2), layer=2)
-    assert radii_mm(deep) == pytest.approx(WIDEST_MM)
+def test_deep_lesion_narrows_only_kernels_wider_than_it_is_deep():
+    """Light from below is blurred by the tissue above."""
+    deep = stained(HARD_EDGE, epidermis=EPIDERMIS._replace(thickness=0.25), layer=2)
+    assert radii_mm(deep, widest_mm=0.25) == pytest.approx(0.25)
+    radii = radii_mm(deep, widest_mm=1.2)
+    at_edge = np.minimum(abs(X - 2.0), np.minimum(X, 4.0 - X)) < SPACING_MM
+    assert np.all((radii[:, at_edge] > 0.2) & (radii[:, at_edge] < 0.6))
+
+
+def test_light_that_has_not_been_deep_knows_nothing_of_deep_pigment():
+    """Black below 0.4 mm: exp(-(0.4 - 0.15) / 0.4) of the light is taken, a plane of 0.1 mm counted at its middle."""
+    planes = [EPIDERMIS._replace(thickness=0.4), DERMIS._replace(thickness=0.1)]
+    black = stained(np.full(80, 1e3), *planes, layer=2)
+    pale = stained(np.zeros(80), *planes, layer=2)
+    index = black.palette_index.copy()
+    index[:40] = pale.palette_index[:40]
+    absorbance = lesion_absorbance(replace(black, palette_index=index), 1.0)
+    assert absorbance[0, 0] == 0.0
+    assert np.exp(-absorbance[-1, 0]) == pytest.approx(1.0 - np.exp(-(0.45 - 0.15) / 0.4))
 
 
 def test_wanted_radius_bounds_all():

@@ -101,6 +101,13 @@ def test_point_estimate_with_its_widest_spheres(slab):
     assert seen.stderr < WANTED
 
 
+@pytest.mark.parametrize("mu", VIEWS)
+def test_reference_shows_the_radiance_of_a_slab(slab, mu):
+    seen = view(slab, mu, "reference")
+    assert abs(seen.z) < LARGEST_Z, seen
+    assert seen.stderr < WANTED
+
+
 def test_parts_add_up(slab):
     image, summary = see(slab.lit)
     assert not image.surface_Y.any()
@@ -110,7 +117,7 @@ def test_parts_add_up(slab):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["beam", "point"])
+@pytest.mark.parametrize("method", ["beam", "point", "reference"])
 @pytest.mark.parametrize("mu", VIEWS)
 def test_finer_estimates_show_the_radiance_of_a_slab(fine_slab, mu, method):
     seen = view(fine_slab, mu, method, gather_count=NARROWEST if method == "point" else None)
