@@ -19,6 +19,11 @@ WORTH_A_POOL = 1e7
 """Photons below which starting processes takes longer than it saves."""
 
 
+def is_worth_a_pool(stored: float) -> bool:
+    """Whether a run that stores so many photons is shared among processes when nobody says how many."""
+    return stored >= WORTH_A_POOL
+
+
 @dataclass(frozen=True, eq=False)
 class Crew:
     """Who does the work.
@@ -38,7 +43,7 @@ class Crew:
         """Number of processes for a run that stores `stored` photons."""
         if self.workers is not None:
             return self.workers
-        return (os.cpu_count() or 1) if stored >= WORTH_A_POOL else 1
+        return (os.cpu_count() or 1) if is_worth_a_pool(stored) else 1
 
     def walk(
         self,

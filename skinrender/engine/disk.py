@@ -30,7 +30,7 @@ def disk_errors(folder: Path) -> Iterator[None]:
     except OSError as error:
         raise RunError(f"{error.filename or folder}: cannot be written ({error.strerror})\n  {KEPT}") from error
     except RunError as error:
-        if isinstance(error.__cause__, OSError):
+        if isinstance(error.__cause__, OSError) and KEPT not in str(error):
             raise RunError(f"{error}\n  {KEPT}") from error.__cause__
         raise
 

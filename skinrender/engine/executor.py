@@ -24,6 +24,7 @@ Work = Callable[[int], Result]
 
 POLL_SECONDS = 0.2
 DEATHS_IN_A_ROW = 3
+MOST_WORKERS, MOST_WORKERS_PER_CORE = 32, 4
 ONE_THREAD = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 _enough = None
@@ -50,8 +51,9 @@ def in_order(
     Close the iterator (`contextlib.closing`) to drop what was handed out ahead.
     Raises `RunError` if workers keep dying.
     """
-    if workers < 1:
-        raise InputError(f"{workers} workers cannot do anything", where="--workers", remedy="use 1 or more")
+    most = max(MOST_WORKERS, MOST_WORKERS_PER_CORE * (os.cpu_count() or 1))
+    if workers < 1 or workers > most and open_executor is None:
+        raise InputError(f"{workers} workers are not possible", where="--workers", remedy=f"use 1 to {most}")
     if workers == 1 and open_executor is None:
         for index in indices:
             check()

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import hashlib
 import platform
-from collections.abc import Iterable
 from importlib.metadata import version
 from pathlib import Path
 
-PACKAGE = Path(__file__).parents[1]
+from skinrender.sources import sources_hash
+
 WALK_SOURCES = ("transport", "photonmap", "skin/regions.py", "engine/rounds.py")
+ESTIMATE_SOURCES = (
+    "engine/estimate.py", "engine/view.py", "estimate", "film", "optics", "photonmap", "skin", "transport"
+)  # fmt: skip
 
 
 def program_identity() -> dict[str, str]:
     """Fingerprint of the sources that walk photons, and the versions of what compiles them."""
-    return {"walk": _sources_hash(WALK_SOURCES), "numba": version("numba"), "numpy": version("numpy")}
+    return {"walk": sources_hash(WALK_SOURCES), "numba": version("numba"), "numpy": version("numpy")}
 
 
 def machine_identity() -> dict[str, str]:
@@ -34,12 +37,3 @@ def file_hash(path: Path) -> str:
     """SHA-256 of a file's bytes."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _sources_hash(names: Iterable[str]) -> str:
-    digest = hashlib.sha256()
-    for name in names:
-        place = PACKAGE / name
-        for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
-            digest.update(path.relative_to(PACKAGE).as_posix().encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 
 class Interrupted(KeyboardInterrupt):
-    """The run was stopped from outside; what was finished is kept (exit code 130)."""
+    """The run was stopped from outside; what was finished is kept (exit code 130).
+
+    A class of its own also for CPython's sake: where a plain KeyboardInterrupt passed through an `exec` of text, the
+    interpreter ends by SIGINT whatever exit code it is given.
+    """
 
 
 class Interrupt:
@@ -21,7 +25,7 @@ class Interrupt:
     def request(self, *_: object) -> None:
         """Signal handler: the first signal asks, the second one insists."""
         if self.requested:
-            raise KeyboardInterrupt
+            raise Interrupted
         self.requested = True
 
     def check(self) -> None:
@@ -32,14 +36,31 @@ class Interrupt:
 
 @contextmanager
 def listen() -> Iterator[Interrupt]:
-    """Turn SIGINT and SIGTERM into a request while the block runs (main thread only; elsewhere nothing is heard)."""
+    """Turn SIGINT and SIGTERM into a request while the block runs; one that it never looked at is raised at its end."""
     interrupt = Interrupt()
+    with handled_by(interrupt.request):
+        yield interrupt
+    interrupt.check()
+
+
+def stop_at_once(*_: object) -> None:
+    """Signal handler: raise `Interrupted` wherever the program is."""
+    raise Interrupted
+
+
+@contextmanager
+def handled_by(handler: Callable[..., None]) -> Iterator[None]:
+    """Let `handler` hear SIGINT and SIGTERM while the block runs (main thread only; elsewhere nothing is heard).
+
+    A signal that the caller wants ignored, as shells do for SIGINT in background jobs, stays ignored.
+    """
     if threading.current_thread() is not threading.main_thread():
-        yield interrupt
+        yield
         return
-    before = {number: signal.signal(number, interrupt.request) for number in (signal.SIGINT, signal.SIGTERM)}
+    numbers = [n for n in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(n) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, handler) for number in numbers}
     try:
-        yield interrupt
+        yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number, earlier in before.items():
+            signal.signal(number, earlier)

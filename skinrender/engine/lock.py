@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from skinrender.atomic import clear_partial_files
 from skinrender.errors import InputError
 
 LOCK_NAME = ".skinrender.lock"
@@ -17,7 +18,7 @@ LOCK_NAME = ".skinrender.lock"
 
 @contextmanager
 def folder_lock(folder: Path) -> Iterator[None]:
-    """Hold `folder` for this process while the block runs.
+    """Hold `folder` for this process while the block runs; what killed runs left half written in it is deleted.
 
     The kernel's lock on the file tells the living from the dead on this host; the name of the host inside it guards
     folders shared between hosts. A lock left behind by a dead process of this host is taken over.
@@ -29,6 +30,7 @@ def folder_lock(folder: Path) -> Iterator[None]:
     try:
         os.ftruncate(descriptor, 0)
         os.pwrite(descriptor, json.dumps({"host": socket.gethostname(), "pid": os.getpid()}).encode(), 0)
+        clear_partial_files(folder)
         yield
     finally:
         path.unlink(missing_ok=True)
@@ -43,8 +45,9 @@ def _acquire(path: Path) -> int:
         except BlockingIOError:
             owner = _owner(descriptor)
             os.close(descriptor)
+            host, pid = owner.get("host", "?"), owner.get("pid", "?")
             raise InputError(
-                f"another run (process {owner.get('pid', '?')}) is at work in this folder",
+                f"another run (process {pid} on host {host}) is at work in this folder",
                 where=str(path.parent),
                 remedy="wait until it has ended, or choose another folder with -o",
             ) from None

@@ -29,6 +29,33 @@ class Recipe(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
+class HeldRecipe:
+    """The photon pass in a volume that is at hand but not in a file, so that no worker can be sent there: for plans.
+
+    Parameters
+    ----------
+    volume : a `skin.volume.SkinVolume`.
+    light, roulette : see `VolumeRecipe`.
+    """
+
+    volume: Any
+    light: Any
+    roulette: bool
+
+    @property
+    def provenance(self) -> Mapping[str, Any]:
+        return _provenance("0" * 64, self.light, self.roulette)
+
+    def build(self, seed: int) -> Any:
+        from skinrender.photonmap.photon_pass import PhotonPass
+
+        return PhotonPass(self.volume, self.light, seed, roulette=self.roulette)
+
+    def describe(self, photon_pass: Any) -> dict[str, Any]:
+        return _described(photon_pass)
+
+
+@dataclass(frozen=True, eq=False)
 class VolumeRecipe:
     """The photon pass in a volume that lies in a file.
 
@@ -45,13 +72,7 @@ class VolumeRecipe:
 
     @cached_property
     def provenance(self) -> Mapping[str, Any]:
-        lamp = {field.name: getattr(self.light, field.name) for field in fields(self.light)}
-        lamp = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in lamp.items()}
-        return {
-            "volume": file_hash(self.volume_path),
-            "light": {"kind": type(self.light).__name__, **lamp},
-            "roulette": self.roulette,
-        }
+        return _provenance(file_hash(self.volume_path), self.light, self.roulette)
 
     def build(self, seed: int) -> Any:
         from skinrender.photonmap.photon_pass import PhotonPass
@@ -60,14 +81,24 @@ class VolumeRecipe:
         return PhotonPass(load_volume(self.volume_path), self.light, seed, roulette=self.roulette)
 
     def describe(self, photon_pass: Any) -> dict[str, Any]:
-        return {
-            "wavelength_nm": photon_pass.volume.wavelength_nm,
-            "power_aimed_per_band": photon_pass.power_per_band_aimed,
-            "bounds_mm": photon_pass.volume.bounds_mm,
-            "layer_name": tuple(photon_pass.layer_names),
-            "keep_probability": photon_pass.depth_table.keep_probability,
-            "depth_edges_mm": photon_pass.depth_table.depth_edges_mm,
-        }
+        return _described(photon_pass)
+
+
+def _provenance(volume_hash: str, light: Any, roulette: bool) -> Mapping[str, Any]:
+    lamp = {field.name: getattr(light, field.name) for field in fields(light)}
+    lamp = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in lamp.items()}
+    return {"volume": volume_hash, "light": {"kind": type(light).__name__, **lamp}, "roulette": roulette}
+
+
+def _described(photon_pass: Any) -> dict[str, Any]:
+    return {
+        "wavelength_nm": photon_pass.volume.wavelength_nm,
+        "power_aimed_per_band": photon_pass.power_per_band_aimed,
+        "bounds_mm": photon_pass.volume.bounds_mm,
+        "layer_name": tuple(photon_pass.layer_names),
+        "keep_probability": photon_pass.depth_table.keep_probability,
+        "depth_edges_mm": photon_pass.depth_table.depth_edges_mm,
+    }
 
 
 def scene_recipe(scene: Any, volume_path: str | Path) -> VolumeRecipe:

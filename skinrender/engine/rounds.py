@@ -18,11 +18,12 @@ import numpy as np
 from skinrender.engine.executor import in_order
 from skinrender.engine.ledger import Ledger
 from skinrender.engine.stop import MIN_ROUNDS, Stop
-from skinrender.photonmap.photon_map import BYTES_PER_PHOTON
 
 PILOT_SEED = 0x70696C6F74
 PILOT_ROUNDS = 16
 PILOT_HISTORIES = 2048
+PILOT_PROBE = 64
+"""Part of a pilot's round that is walked first, lest the round not fit into memory."""
 PILOT_STORED_ENOUGH = 1 << 22
 USUAL_ROUNDS = 40
 ROUND_STORED_MAX = 1 << 23
@@ -88,14 +89,9 @@ class RoundPlan:
         return self.rounds_expected * self.stored_per_round
 
     @property
-    def map_bytes(self) -> float:
-        """Size of the finished map."""
-        return BYTES_PER_PHOTON * self.stored_expected + 1e6
-
-    @property
-    def rounds_bytes(self) -> float:
-        """Size of the rounds' files; they and the map exist together for a moment."""
-        return (BYTES_PER_PHOTON - 1) * self.stored_expected + 1e6
+    def emitted_expected(self) -> int:
+        """Histories of all rounds."""
+        return self.rounds_expected * int(self.histories.sum())
 
 
 def run_pilot(photon_pass: Any, share: np.ndarray) -> Pilot:
@@ -107,6 +103,10 @@ def run_pilot(photon_pass: Any, share: np.ndarray) -> Pilot:
     share : (B,) histories of each band relative to the largest; 0 leaves a band out.
     """
     histories = np.ceil(share * max(1, PILOT_HISTORIES // len(share))).astype(np.int64)
+    few = np.ceil(histories / PILOT_PROBE).astype(np.int64)
+    probed = float(photon_pass.walk(PILOT_ROUNDS, few, True).stored_per_band @ (histories / np.maximum(few, 1)))
+    if probed > PILOT_STORED_ENOUGH:  # clear thick media scatter light a hundred thousand times
+        histories = np.ceil(histories * (PILOT_STORED_ENOUGH / probed)).astype(np.int64)
     stored = []
     for index in range(PILOT_ROUNDS):
         stored.append(photon_pass.walk(index, histories, True).stored_per_band)
@@ -128,10 +128,11 @@ def plan_rounds(pilot: Pilot, share: np.ndarray, stored_wanted: int) -> RoundPla
     Larger runs take more rounds, not larger ones: a round's photons stay below `ROUND_STORED_MAX`.
     """
     stored_by_share = float(pilot.stored @ share)
-    if stored_by_share == 0:
-        stored_wanted = 0
-    wanted_per_round = min(stored_wanted / USUAL_ROUNDS, ROUND_STORED_MAX)
-    scale = min(wanted_per_round / stored_by_share if stored_wanted else 1.0, ROUND_HISTORIES_MAX / share.sum())
+    if stored_by_share == 0:  # the fractions of the light are all that the run is for
+        stored_wanted, scale = 0, PILOT_HISTORIES / share.sum()
+    else:
+        wanted_per_round = min(stored_wanted / USUAL_ROUNDS, ROUND_STORED_MAX)
+        scale = min(wanted_per_round / stored_by_share if stored_wanted else 1.0, ROUND_HISTORIES_MAX / share.sum())
     histories = np.where(share > 0, np.maximum(1, np.ceil(scale * share)), 0).astype(np.int64)
     return RoundPlan(
         histories=histories,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +18,11 @@ from skinrender.engine.interrupt import listen
 from skinrender.engine.ledger import Ledger
 from skinrender.engine.recipe import Recipe
 from skinrender.engine.rounds import PILOT_SEED, RoundPlan, equal_share, plan_rounds, run_pilot
-from skinrender.engine.stop import Stop, described
+from skinrender.engine.stop import Stop, StoredCount, described
 from skinrender.engine.summary import TraceSummary, summarize
 from skinrender.engine.work import WalkRound
 from skinrender.photonmap.photon_map import FORMAT_VERSION
-from skinrender.photonmap.store import MapHeader
+from skinrender.photonmap.store import MapHeader, map_bytes, round_bytes
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +48,15 @@ class Run:
     def work(self, folder: Path | None) -> WalkRound:
         """What a worker does for a round; without a folder it only counts."""
         return WalkRound(self.recipe, self.seed, self.histories, self.header.key, folder)
+
+    def rounds_bytes(self, plan: RoundPlan) -> int:
+        """Size of the files of all rounds that are expected."""
+        return plan.rounds_expected * round_bytes(self.header, round(plan.stored_per_round))
+
+    def map_bytes(self, plan: RoundPlan) -> int:
+        """Size of the finished map; for a moment it and the rounds' files exist together."""
+        header = replace(self.header, provenance=complete_provenance(self.header, StoredCount(plan.stored_wanted)))
+        return map_bytes(header, plan.rounds_expected, round(plan.stored_expected))
 
     def summary(self, ledger: Ledger, seconds: Mapping[str, float] | None = None) -> TraceSummary:
         """What the ledger's rounds say."""

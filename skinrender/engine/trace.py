@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from skinrender.atomic import clear_partial_files
 from skinrender.engine.clock import StageClock
 from skinrender.engine.crew import Crew
 from skinrender.engine.disk import check_free_space, disk_errors
@@ -27,7 +28,7 @@ from skinrender.engine.rounds import RoundPlan
 from skinrender.engine.run import Run, complete_provenance, plan_run
 from skinrender.engine.stop import Never, Stop, StoredCount
 from skinrender.engine.summary import TraceSummary, summarize
-from skinrender.errors import InputError
+from skinrender.errors import InputError, RunError
 from skinrender.photonmap.photon_map import PhotonMap, check_provenance, open_map
 from skinrender.photonmap.store import (
     MapHeader,
@@ -83,24 +84,23 @@ def trace(
     crew = Crew(workers, progress, open_executor)
     with disk_errors(out_dir):
         out_dir.mkdir(parents=True, exist_ok=True)
-        with folder_lock(out_dir), listen() as interrupt:
+        with folder_lock(out_dir):
             try:
                 with clock.stage("load"):
                     recipe = recipe or scene_recipe(scene, volume_path)
                     run, plan = plan_run(recipe, scene.photons.seed, scene.photons.stored)
-                with clock.stage("trace"):
-                    _clear_partial(out_dir)
+                with clock.stage("trace"), listen() as interrupt:
                     if shard is None:
                         stop = stop or StoredCount(plan.stored_wanted)
                         summary = _whole(out_dir, run, plan, stop, crew, interrupt, resume)
                     else:
                         summary = _shard(out_dir, run, plan, shard, crew, interrupt, resume)
-            except Interrupted:
-                kept = len(round_files(out_dir / ROUNDS_NAME))
-                raise Interrupted(
-                    f"interrupted; {kept} finished rounds are kept in {out_dir / ROUNDS_NAME}\n"
-                    "  go on with the same command and --resume"
-                ) from None
+            except KeyboardInterrupt:
+                raise _interrupted(out_dir / ROUNDS_NAME) from None
+            except MemoryError as error:
+                raise RunError(
+                    "out of memory; finished rounds are kept\n  go on with --resume and fewer --workers"
+                ) from error
     return replace(summary, seconds=clock.seconds)
 
 
@@ -114,9 +114,16 @@ def summary_of_map(photon_map: PhotonMap) -> TraceSummary:
     return summarize(ledger, photon_map.wavelength_nm, photon_map.layer_name)
 
 
-def finish_map(path: Path, header: MapHeader, stop: Stop, rounds: list[RoundCounts], paths: list[Path]) -> None:
-    """Stream the rounds of a complete run into its map."""
-    write_map(path, replace(header, provenance=complete_provenance(header, stop)), rounds, paths)
+def finish_map(
+    path: Path,
+    header: MapHeader,
+    stop: Stop,
+    rounds: list[RoundCounts],
+    paths: list[Path],
+    check: Callable[[], None] = lambda: None,
+) -> None:
+    """Stream the rounds of a complete run into its map; what `check`, called often, raises ends it."""
+    write_map(path, replace(header, provenance=complete_provenance(header, stop)), rounds, paths, check)
 
 
 def _whole(
@@ -127,10 +134,11 @@ def _whole(
         shutil.rmtree(folder, ignore_errors=True)
         return summary_of_map(finished)
     _begin_rounds(folder, run.header, resume)
-    check_free_space(out_dir, plan.rounds_bytes + plan.map_bytes - _size(folder))
+    check_free_space(out_dir, run.rounds_bytes(plan) + run.map_bytes(plan) - _size(folder))
     ledger = run.new_ledger()
     crew.walk(run.work(folder), itertools.count(), ledger, stop, interrupt, plan.stored_wanted)
-    finish_map(map_path, run.header, stop, ledger.rounds, [round_path(folder, c.index) for c in ledger.rounds])
+    paths = [round_path(folder, counts.index) for counts in ledger.rounds]
+    finish_map(map_path, run.header, stop, ledger.rounds, paths, interrupt.check)
     shutil.rmtree(folder)
     return run.summary(ledger)
 
@@ -140,11 +148,17 @@ def _shard(
 ) -> TraceSummary:
     folder = out_dir / ROUNDS_NAME
     _begin_rounds(folder, run.header, resume)
-    check_free_space(out_dir, plan.rounds_bytes / shard[1] - _size(folder))
+    check_free_space(out_dir, run.rounds_bytes(plan) / shard[1] - _size(folder))
     ledger = run.new_ledger()
     indices = range(shard[0], plan.rounds_enough, shard[1])
     crew.walk(run.work(folder), indices, ledger, Never(), interrupt, plan.stored_wanted // shard[1])
     return run.summary(ledger)
+
+
+def _interrupted(folder: Path) -> Interrupted:
+    kept = len(round_files(folder))
+    told = f"; {kept} finished rounds are kept in {folder}" if kept else ""
+    return Interrupted(f"interrupted{told}\n  go on with the same command and --resume")
 
 
 def _finished(path: Path, provenance: Mapping[str, Any]) -> PhotonMap | None:
@@ -161,7 +175,7 @@ def _begin_rounds(folder: Path, header: MapHeader, resume: bool) -> None:
     if not resume and folder.exists():
         shutil.rmtree(folder)
     folder.mkdir(exist_ok=True)
-    _clear_partial(folder)
+    clear_partial_files(folder)
     path = folder / HEADER_NAME
     if round_files(folder):
         check_provenance(
@@ -178,12 +192,6 @@ def _header_provenance(path: Path) -> Mapping[str, Any]:
         return read_header(path).provenance
     except InputError:
         return {}
-
-
-def _clear_partial(folder: Path) -> None:
-    """Delete what killed runs left half written."""
-    for partial in folder.glob(".*.npz.*.partial"):
-        partial.unlink(missing_ok=True)
 
 
 def _size(folder: Path) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from skinrender.errors import InputError
 from skinrender.photonmap.store import RoundCounts, read_round, round_path, write_round
 
 _built: tuple[str, Any] | None = None
+_one_builds = threading.Lock()
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,28 +38,40 @@ class WalkRound:
     folder: Path | None
 
     def __call__(self, index: int) -> RoundCounts:
-        if self.folder is None:
-            walked = self._walk(index, store=False)
-            return RoundCounts(index, walked.emitted, walked.stored_per_band, walked.tallies)
-        path = round_path(self.folder, index)
-        if path.exists():
-            try:
-                return read_round(path, self.key, verify=True)
-            except InputError:
-                path.unlink()
-        walked = self._walk(index, store=True)
-        with disk_errors(self.folder):
-            return write_round(self.folder, self.key, walked)
+        finished = self.finished(index)
+        return self.keep(self.walk(index)) if finished is None else finished
 
-    def _walk(self, index: int, *, store: bool) -> Any:
-        walked = photon_pass(self.recipe, self.seed, self.key).walk(index, self.histories, store)
+    def finished(self, index: int) -> RoundCounts | None:
+        """Counts of a round whose file is there and sound."""
+        if self.folder is None:
+            return None
+        path = round_path(self.folder, index)
+        if not path.exists():
+            return None
+        try:
+            return read_round(path, self.key, verify=True)
+        except InputError:
+            path.unlink()
+            return None
+
+    def walk(self, index: int) -> Any:
+        """A walked round (a `photon_pass.Round`), with its photons if they are to be stored."""
+        walked = photon_pass(self.recipe, self.seed, self.key).walk(index, self.histories, self.folder is not None)
         check_counts(walked)
         return walked
 
+    def keep(self, walked: Any) -> RoundCounts:
+        """Write a walked round to its file; its counts."""
+        if self.folder is None:
+            return RoundCounts(walked.index, walked.emitted, walked.stored_per_band, walked.tallies)
+        with disk_errors(self.folder):
+            return write_round(self.folder, self.key, walked)
+
 
 def photon_pass(recipe: Recipe, seed: int, key: str) -> Any:
-    """The pass of a recipe; the one used last is kept, so a process prepares it once."""
+    """The pass of a recipe; the one used last is kept, so a process prepares it once, whatever its threads."""
     global _built
-    if _built is None or _built[0] != key:
-        _built = (key, recipe.build(seed))
-    return _built[1]
+    with _one_builds:
+        if _built is None or _built[0] != key:
+            _built = (key, recipe.build(seed))
+        return _built[1]

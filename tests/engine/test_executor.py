@@ -75,6 +75,7 @@ def test_check_ends_the_run_between_rounds():
     assert done == [0, 1, 2]
 
 
-def test_no_workers_are_refused():
-    with pytest.raises(InputError, match="0 workers"):
-        next(in_order(fail, [0], workers=0))
+@pytest.mark.parametrize("workers", [0, 100_000])
+def test_impossible_numbers_of_workers_are_refused(workers):
+    with pytest.raises(InputError, match=f"{workers} workers"):
+        next(in_order(fail, [0], workers=workers))

@@ -10,6 +10,7 @@ from fake_pass import POWER, FakePass
 
 from skinrender.engine.ledger import Ledger
 from skinrender.engine.rounds import (
+    PILOT_HISTORIES,
     PILOT_SEED,
     ROUND_HISTORIES_MAX,
     ROUND_STORED_MAX,
@@ -63,6 +64,7 @@ def test_a_round_is_never_empty_and_never_too_large(stored, wanted):
 def test_scene_without_scattering_wants_no_photons():
     plan = plan_rounds(pilot_of(0.0), SHARE, 10**7)
     assert plan.stored_wanted == 0 and plan.rounds_enough == MIN_ROUNDS
+    assert plan.histories.sum() >= PILOT_HISTORIES, "its fractions would not be known"
 
 
 def walked(stop, histories=20, power=POWER) -> Ledger:

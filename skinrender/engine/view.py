@@ -1,0 +1,237 @@
+"""What a camera sees of a volume: all of a picture that does not depend on how many photons there are.
+
+Radiance of a pixel = light reflected by the surface + single scattering + multiple scattering (beam, point, reference).
+"""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from skinrender.errors import InputError
+from skinrender.estimate.beam import estimate_beam
+from skinrender.estimate.lattice import RayLattice, fit_plane, make_lattice
+from skinrender.estimate.point import estimate_point, march_edges
+from skinrender.estimate.ray_paths import follow_rays, slab_edges, visible_depth_mm
+from skinrender.estimate.reference import Reference, estimate_reference
+from skinrender.estimate.scatter_image import ScatteredLight, batch_stderr
+from skinrender.estimate.single import single_scattering
+from skinrender.estimate.stream import Stream
+from skinrender.estimate.surface import irradiance, surface_reflection
+from skinrender.estimate.view_path import LEVEL, ViewPath, make_view_path
+from skinrender.film.camera import ViewRays, view_rays
+from skinrender.film.color import exposure_for, y_weights
+from skinrender.film.spectral_image import SpectralImage
+from skinrender.photonmap.light import Light, light_from_scene
+from skinrender.photonmap.photon_map import PhotonMap
+from skinrender.skin.regions import regions_of
+from skinrender.skin.volume import SkinVolume
+
+RELIEF_SUBPIXELS = 2
+TRANSMITTANCE_SUBPIXELS = 2
+METHODS = ("beam", "point", "reference")
+IRRADIANCE_W_PER_MM2 = (1e-31, 1e31)
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A scene's camera before its volume.
+
+    Parameters
+    ----------
+    scene : its camera, light and finish are read.
+    method : one of `METHODS`.
+    gather_count : photons that a beam or a sample point meets; None: as many as the tissue allows.
+    threads : None: all cores.
+
+    Raises
+    ------
+    InputError : a method that does not exist, borders that a view ray cannot be followed through, or light too weak or
+        too strong for the numbers of a picture.
+    """
+
+    scene: Any
+    volume: SkinVolume
+    method: str
+    gather_count: int | None = None
+    threads: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise InputError(f"got {self.method!r}; allowed: {', '.join(METHODS)}", where="--method")
+        if why := why_no_picture(self.volume):
+            raise InputError(
+                f"there is no picture: {why}", where="inner_borders",
+                remedy="use `inner_borders: matched`, or a flat relief and no border wave",
+            )  # fmt: skip
+
+    def scattered(self, photon_map: PhotonMap, progress: bool = True) -> ScatteredLight:
+        """The multiply scattered light that photons show."""
+        count = self.threads or os.cpu_count() or 1
+        bar = tqdm(
+            total=len(photon_map), unit=" photons", unit_scale=True, disable=None if progress else True, desc=self.method,
+            leave=False,
+        )  # fmt: skip
+        with ThreadPoolExecutor(count) as pool, bar:
+            if self.method == "reference":
+                camera = self.scene.camera
+                return estimate_reference(
+                    Reference(camera, self.volume, photon_map, self.y_weight, pool, count, bar.update)
+                )
+            stream = Stream(self.volume, photon_map, *self.lattices, self.y_weight, pool, count, bar.update)
+            return (estimate_beam if self.method == "beam" else estimate_point)(stream, self.gather_count)
+
+    def image(self, scattered: ScatteredLight, provenance: dict[str, Any]) -> SpectralImage:
+        """The spectral picture."""
+        shape = self.rays.origin.shape[:2]
+        cube = (*shape, -1)
+        return SpectralImage(
+            radiance=(scattered.radiance + (self.single + self.surface).reshape(cube)).astype(np.float32),
+            wavelength_nm=self.volume.wavelength_nm,
+            surface_Y=(self.surface @ self.y_weight).reshape(shape).astype(np.float32),
+            single_Y=(self.single @ self.y_weight).reshape(shape).astype(np.float32),
+            multiple_Y=(scattered.radiance @ self.y_weight).astype(np.float32),
+            stderr_Y=batch_stderr(scattered.batch_y, scattered.batch_rounds).astype(np.float32),
+            irradiance=self.falling.reshape(cube).astype(np.float32),
+            exposure=self.exposure,
+            provenance=provenance,
+        )
+
+    @cached_property
+    def light(self) -> Light:
+        """The scene's lamp."""
+        return light_from_scene(self.scene)
+
+    @cached_property
+    def rays(self) -> ViewRays:
+        """One view ray a pixel."""
+        return view_rays(self.scene.camera, self.volume.size_mm)
+
+    @cached_property
+    def path(self) -> ViewPath:
+        """What these rays meet."""
+        return make_view_path(self.rays.origin, self.rays.direction, self.volume)
+
+    @cached_property
+    def lattices(self) -> tuple[RayLattice, RayLattice]:
+        """The lattice of several rays a pixel (see `stream.Stream`), and that of one."""
+        edges = depth_edges(self.volume, self.method, _least_cosine(self.path, self.volume))
+        pixels = self._lattice(edges, 1)
+        finer = transmittance_subpixels(self.volume)
+        return (pixels if finer == 1 else self._lattice(edges, finer)), pixels
+
+    def _lattice(self, edges: np.ndarray, subpixels: int) -> RayLattice:
+        camera, volume = self.scene.camera, self.volume
+        rays = view_rays(camera, volume.size_mm, subpixels)
+        shape = rays.origin.shape[:2]
+        paths = follow_rays(rays.origin, rays.direction, volume, edges)
+        return make_lattice(paths, shape, picture_plane(camera, volume, shape))
+
+    @cached_property
+    def exposure(self) -> float:
+        """At which a perfect diffuser in the patch's center has Y = 1."""
+        size = self.volume.size_mm
+        center = irradiance(self.light, np.array([0.5 * length for length in size]), size, True)
+        if not center.any():  # a pencil, or a beam beside the center: exposed for its mean over the patch
+            center = self.light.power_aimed_per_band(size) / np.prod(size)
+        _check_range(float(center.sum()))
+        return exposure_for(center, self.volume.wavelength_nm)
+
+    @cached_property
+    def y_weight(self) -> np.ndarray:
+        """(B,) luminance of one W mm^-2 sr^-1 in each band."""
+        return y_weights(self.volume.wavelength_nm, self.exposure)
+
+    @cached_property
+    def single(self) -> np.ndarray:
+        """Light scattered once, (h w, B)."""
+        return single_scattering(self.path, self.volume, self.light)
+
+    @cached_property
+    def falling(self) -> np.ndarray:
+        """Irradiance of the mean plane under the pixels, (h w, B)."""
+        points = self.path.entry[:, :2] if self.path.hit.all() else _plane_points(self.rays)
+        return irradiance(self.light, points, self.volume.size_mm, self.volume.sides == "periodic")
+
+    @cached_property
+    def surface(self) -> np.ndarray:
+        """Light reflected by the surface, mean over the subpixels of each pixel, (h w, B).
+
+        Only this term needs more than one ray a pixel: facets of a relief are smaller than pixels, while the light from
+        inside is smooth.
+        """
+        w, h = self.scene.camera.pixels
+        bands = len(self.volume.wavelength_nm)
+        if why_no_reflection(self.scene, self.volume) is not None:
+            return np.zeros((h * w, bands))
+        subpixels = surface_subpixels(self.scene, self.volume)
+        rays = view_rays(self.scene.camera, self.volume.size_mm, subpixels)
+        path = make_view_path(rays.origin, rays.direction, self.volume)
+        reflected = surface_reflection(path, self.volume, self.light, self.scene.finish)
+        return reflected.reshape(h, subpixels, w, subpixels, bands).mean(axis=(1, 3)).reshape(h * w, bands)
+
+
+def why_no_picture(volume: SkinVolume) -> str | None:
+    """Why view rays cannot be followed through a volume; None where they can."""
+    refracts = volume.fresnel_borders and not volume.is_flat
+    return "inner borders refract, and they or the surface are not flat" if refracts else None
+
+
+def why_no_reflection(scene: Any, volume: SkinVolume) -> str | None:
+    """Why the surface's reflection is not in the picture; None where it is."""
+    if scene.camera.cross_polarized:
+        return "the camera is cross-polarized"
+    return None if regions_of(volume).surface_refracts else "the index is the same on both sides of the surface"
+
+
+def surface_subpixels(scene: Any, volume: SkinVolume) -> int:
+    """Rays along each side of a pixel for the surface's reflection."""
+    return scene.estimate.subpixels or (RELIEF_SUBPIXELS if volume.has_relief else 1)
+
+
+def transmittance_subpixels(volume: SkinVolume) -> int:
+    """Rays along each side of a pixel for the light from inside (see `stream.Stream`)."""
+    return TRANSMITTANCE_SUBPIXELS if volume.has_relief else 1
+
+
+def depth_edges(volume: SkinVolume, method: str, least_cosine: float = 1.0) -> np.ndarray:
+    """Edges of the depth slabs of a beam or point estimate whose view rays have at least this cosine inside."""
+    if method == "beam":
+        return slab_edges(volume, least_cosine)
+    return march_edges(visible_depth_mm(volume), min(volume.size_mm))
+
+
+def picture_plane(camera: Any, volume: SkinVolume, shape: tuple[int, int]) -> np.ndarray:
+    """Affine map (2, 3) from (x, y) on the mean plane to fractional (row, column) of an (h, w) picture of the camera."""
+    quarters = view_rays(camera.model_copy(update={"pixels": (2, 2)}), volume.size_mm)
+    cell = (np.argwhere(np.ones((2, 2))) + 0.5) * (np.array(shape) / 2) - 0.5
+    return fit_plane(_plane_points(quarters), cell)
+
+
+def _least_cosine(path: ViewPath, volume: SkinVolume) -> float:
+    """Of the view rays that enter a flat surface."""
+    cosine = path.cos_inside[path.hit & (path.cos_inside > LEVEL)]
+    return 1.0 if volume.has_relief else float(cosine.min(initial=1.0))
+
+
+def _check_range(irradiance: float) -> None:
+    """A picture is float32: radiance near its limits would become infinite or 0."""
+    low, high = IRRADIANCE_W_PER_MM2
+    if not low <= irradiance <= high:
+        raise InputError(
+            f"its irradiance on the patch is {irradiance:.3g} W/mm2; pictures hold {low:g} to {high:g}", where="light",
+            remedy="change its power or its distance",
+        )  # fmt: skip
+
+
+def _plane_points(rays: ViewRays) -> np.ndarray:
+    """Where view rays meet the mean plane, (Q, 2); level ones stay where they start."""
+    origin, direction = rays.origin.reshape(-1, 3), rays.direction.reshape(-1, 3)
+    down = np.maximum(direction[:, 2:], 1e-6)
+    return (origin + direction * (-origin[:, 2:] / down))[:, :2]

@@ -1,0 +1,207 @@
+"""A photon pass on a dask cluster: the same bytes, through a worker's death, and clear refusals."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from skinrender.engine import work
+from skinrender.engine.trace import trace
+from skinrender.errors import InputError, RunError
+from skinrender.photonmap import store
+from skinrender.scene import make_scene
+from skinrender.skin.builder import build_volume
+from skinrender.skin.volume import save_volume
+
+distributed = pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
+
+from skinrender.engine import cluster as cluster_module  # noqa: E402
+from skinrender.engine.cluster import connect, identity, refuse_unlike  # noqa: E402
+
+SLAB = {
+    "patch": {"size_mm": [1, 1], "columns": [1, 1]},
+    "bands_nm": [450, 650],
+    "slab": {
+        "layers": [{"thickness_mm": 1, "mu_a_per_mm": 0.1, "mu_s_per_mm": 20, "g": 0.8, "refractive_index": 1.4}]
+    },
+    "light": {"kind": "collimated"},
+    "photons": {"stored": 3e6, "roulette": False},
+}
+
+
+def bytes_of(folder: Path) -> str:
+    return hashlib.sha256((folder / "photons.npz").read_bytes()).hexdigest()
+
+
+@pytest.fixture(scope="module")
+def volume(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("volume") / "volume.npz"
+    save_volume(build_volume(make_scene(SLAB)), path)
+    return path
+
+
+def test_an_address_that_answers_nothing_is_refused_in_time(monkeypatch):
+    assert cluster_module.REACH_SECONDS <= 5
+    monkeypatch.setattr(cluster_module, "REACH_SECONDS", 0.5)
+    began = time.monotonic()
+    with pytest.raises(InputError, match="127.0.0.1:9 cannot be reached"), connect("tcp://127.0.0.1:9"):
+        pass
+    assert time.monotonic() - began < 5
+
+
+@pytest.mark.parametrize("address", ["nowhere", "carrier-pigeon://1.2.3.4:5", ""])
+def test_what_is_no_address_is_refused(address):
+    with pytest.raises(InputError, match="--scheduler"), connect(address):
+        pass
+
+
+def test_without_dask_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"skinrender\[cluster\]"), connect("tcp://127.0.0.1:9"):
+        pass
+
+
+@pytest.mark.parametrize(("part", "key"), [("program", "walk"), ("program", "numba"), ("processor", "features")])
+def test_workers_of_another_program_or_processor_are_refused(part, key):
+    other = {name: dict(values) for name, values in identity().items()}
+    other[part][key] = "another"
+    with pytest.raises(InputError, match=f"worker tcp://a:1 .*{part}.*{key} another"):
+        refuse_unlike(other, identity(), "tcp://a:1")
+    refuse_unlike(identity(), identity(), "tcp://a:1")
+
+
+def test_threads_prepare_a_pass_once(monkeypatch):
+    """Two threads of one worker ask for the same pass at once."""
+    monkeypatch.setattr(work, "_built", None)
+    built, both = [], threading.Barrier(2)
+
+    class SlowRecipe:
+        def build(self, seed):
+            time.sleep(0.05)
+            built.append(seed)
+            return object()
+
+    def ask(_):
+        both.wait()
+        return work.photon_pass(SlowRecipe(), 3, "key")
+
+    with ThreadPoolExecutor(2) as pool:
+        first, second = pool.map(ask, range(2))
+    assert first is second and built == [3]
+
+
+@pytest.fixture(scope="module")
+def local_cluster():
+    """Two worker processes of two threads each, which share no folder with the run."""
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=2, processes=True, dashboard_address=None, silence_logs=50
+    ) as made:
+        yield made
+
+
+@pytest.mark.slow
+def test_a_cluster_makes_the_same_bytes_through_a_workers_death(local_cluster, volume, tmp_path):
+    scene = make_scene(SLAB)
+    trace(scene, volume, tmp_path / "here", workers=1, progress=False)
+    with connect(local_cluster.scheduler_address) as cluster:
+        assert cluster.slots == 4
+        pids = list(cluster.client.run(os.getpid).values())
+        folder = tmp_path / "there"
+
+        def kill_one_midway():
+            while len(store.round_files(folder / "rounds")) < 8:
+                time.sleep(0.002)
+            os.kill(pids[0], signal.SIGKILL)
+
+        killer = threading.Thread(target=kill_one_midway)
+        killer.start()
+        summary = trace(
+            scene, volume, folder, workers=cluster.slots, open_executor=cluster.open_executor, progress=False
+        )
+        killer.join()
+        cluster.client.wait_for_workers(2, timeout=30)
+        assert pids[0] not in cluster.client.run(os.getpid).values()
+    assert summary.lost == 0
+    assert bytes_of(folder) == bytes_of(tmp_path / "here")
+
+
+@pytest.mark.slow
+def test_rounds_that_are_there_are_not_walked_again(local_cluster, volume, tmp_path, monkeypatch):
+    scene = make_scene(SLAB | {"photons": {"stored": 1e5}})
+    trace(scene, volume, tmp_path / "here", workers=1, progress=False, shard=(0, 2))
+    asked = []
+    keep = work.WalkRound.keep
+    monkeypatch.setattr(work.WalkRound, "keep", lambda self, walked: (asked.append(walked.index), keep(self, walked))[1])
+    with connect(local_cluster.scheduler_address) as cluster:
+        trace(
+            scene, volume, tmp_path / "here", workers=2, open_executor=cluster.open_executor, progress=False, resume=True
+        )
+    assert asked and all(index % 2 for index in asked)
+    monkeypatch.undo()
+    trace(scene, volume, tmp_path / "whole", workers=1, progress=False)
+    assert bytes_of(tmp_path / "here") == bytes_of(tmp_path / "whole")
+
+
+@pytest.mark.slow
+def test_a_lost_scheduler_ends_the_run_and_keeps_what_is_finished(volume, tmp_path):
+    """The scheduler is killed, as by a machine that goes down."""
+    command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--port", "0", "--no-dashboard"]
+    contact = tmp_path / "scheduler.json"
+    with subprocess.Popen([*command, "--scheduler-file", str(contact)], stderr=subprocess.DEVNULL) as scheduler:
+        while not (contact.exists() and contact.stat().st_size):
+            time.sleep(0.05)
+        address = json.loads(contact.read_text())["address"]
+        worker = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--no-nanny", "--no-dashboard"]
+        with subprocess.Popen([*worker, "--nthreads", "2"], stderr=subprocess.DEVNULL, cwd=tmp_path) as walker:
+            while True:
+                try:
+                    with connect(address) as cluster:
+                        _run_until_lost(cluster, scheduler, volume, tmp_path)
+                    break
+                except InputError:
+                    time.sleep(0.2)
+            walker.kill()
+    assert len(store.round_files(tmp_path / "rounds")) >= 3
+
+
+def _run_until_lost(cluster, scheduler, volume, folder):
+    def kill_midway():
+        while len(store.round_files(folder / "rounds")) < 3:
+            time.sleep(0.002)
+        scheduler.kill()
+
+    killer = threading.Thread(target=kill_midway)
+    killer.start()
+    with pytest.raises(RunError, match="scheduler was lost.*\n.*--resume"):
+        trace(
+            make_scene(SLAB), volume, folder, workers=2, open_executor=cluster.open_executor, progress=False
+        )
+    killer.join()
+
+
+@pytest.mark.slow
+def test_unlike_workers_are_refused_before_the_run(local_cluster, monkeypatch):
+    monkeypatch.setattr(cluster_module, "program_identity", lambda: {"walk": "another"})
+    identity.cache_clear()
+    try:
+        with pytest.raises(InputError, match="would make other bytes"), connect(local_cluster.scheduler_address):
+            pass
+    finally:
+        identity.cache_clear()
+
+
+def test_counts_alone_travel_back_too():
+    counts = store.RoundCounts(0, np.ones(1, int), np.zeros(1, int), np.zeros((1, 20), int))
+    kept = work.WalkRound(None, 1, np.ones(1), "key", None).keep(counts)
+    assert kept.index == 0 and kept.stored == 0
