@@ -27,8 +27,8 @@ from skinrender.analysis.slab_walk import (
     record_seed,
     stack_scene,
 )
+from skinrender.atomic import whole_file
 from skinrender.engine.executor import in_order
-from skinrender.film.atomic import whole_file
 from skinrender.transport import tally
 
 WORTH_A_POOL = 3e8

@@ -17,7 +17,11 @@ PAPER = {
     "point": {"load": 2, "trace": 6274, "estimate": 11754, "total": 18030},
     "beam": {"load": 2, "trace": 6281, "estimate": 1740, "total": 8023},
 }
-"""Seconds on two Xeon X5550, 16 threads, 324 million photons (table 1)."""
+"""Seconds (table 1)."""
+PAPER_HARDWARE = (
+    "two Intel Xeon X5550 (2.66 GHz), 24 GB, 16 threads; forearm, 200 x 200 pixels, 324 million photons stored, "
+    "32 400 photons a beam or sample point"
+)
 
 
 def seconds_of(folder: Path) -> dict[str, float]:
@@ -45,15 +49,28 @@ def seconds_of(folder: Path) -> dict[str, float]:
     return whole[-1]
 
 
+def cells(point: Mapping[str, float], beam: Mapping[str, float]) -> list[list[str]]:
+    """Table 1, its head first: a row a stage; seconds here and in the paper, and how many times longer point takes."""
+    head = ["seconds", "point", "beam", "point / beam", "point, paper", "beam, paper", "point / beam, paper"]
+    stages = [*STAGES[:-1], *(stage for stage in beam if stage not in STAGES), STAGES[-1]]
+    rows = [head]
+    for stage in stages:
+        here = [column.get(stage) for column in (point, beam)]
+        paper = [PAPER[method].get(stage) for method in ("point", "beam")]
+        seconds = ["" if value is None else f"{value:.2f}" for value in here]
+        rows.append([stage, *seconds, _ratio(*here), *("" if value is None else str(value) for value in paper), _ratio(*paper)])
+    return rows
+
+
 def table(point: Mapping[str, float], beam: Mapping[str, float]) -> str:
     """Table 1 in Markdown."""
-    lines = ["| seconds | point | beam | point, paper | beam, paper |", "|---|---:|---:|---:|---:|"]
-    stages = [*STAGES[:-1], *(stage for stage in beam if stage not in STAGES), STAGES[-1]]
-    for stage in stages:
-        here = [f"{column[stage]:.2f}" if stage in column else "" for column in (point, beam)]
-        paper = [str(PAPER[method].get(stage, "")) for method in ("point", "beam")]
-        lines.append("| " + " | ".join([stage, *here, *paper]) + " |")
-    return "\n".join(lines)
+    head, *rows = cells(point, beam)
+    lines = ["| " + " | ".join(row) + " |" for row in rows]
+    return "\n".join(["| " + " | ".join(head) + " |", "|---|" + "---:|" * (len(head) - 1), *lines])
+
+
+def _ratio(point: float | None, beam: float | None) -> str:
+    return f"{point / beam:.2f}" if point is not None and beam else ""
 
 
 def main(arguments: list[str]) -> int:

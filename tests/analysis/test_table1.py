@@ -33,9 +33,9 @@ def test_reads_what_the_commands_write(tmp_path):
 def test_table_stands_beside_the_papers_numbers():
     stages = {"load": 1.0, "trace": 2.0, "estimate": 4.0, "write": 0.5, "total": 7.5}
     lines = table(stages, stages | {"estimate": 3.0, "total": 6.5}).splitlines()
-    assert lines[4] == "| estimate | 4.00 | 3.00 | 11754 | 1740 |"
-    assert lines[5] == "| write | 0.50 | 0.50 |  |  |"
-    assert lines[6] == "| total | 7.50 | 6.50 | 18030 | 8023 |"
+    assert lines[4] == "| estimate | 4.00 | 3.00 | 1.33 | 11754 | 1740 | 6.76 |"
+    assert lines[5] == "| write | 0.50 | 0.50 | 1.00 |  |  |  |"
+    assert lines[6] == "| total | 7.50 | 6.50 | 1.15 | 18030 | 8023 | 2.25 |"
 
 
 def test_a_folder_without_all_stages_is_refused(tmp_path, capsys):
