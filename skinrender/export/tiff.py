@@ -1,0 +1,57 @@
+"""The spectral picture as a float32 TIFF stack: one page a band, labeled by its wavelength, as ImageJ shows it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from skinrender.atomic import whole_file
+from skinrender.errors import InputError, RunError
+from skinrender.film.color import MM2_PER_M2
+from skinrender.film.exr import read_exr
+from skinrender.film.spectral_image import SpectralImage
+
+_MOST_BYTES = 4_000_000_000
+"""ImageJ's variant of TIFF has 32-bit offsets."""
+
+
+def write_tiff(picture: Path, path: Path, pixel_mm: tuple[float, float]) -> int:
+    """Write the radiance of a spectral EXR, W m^-2 sr^-1 in the band, as a stack of float32 pages; how many.
+
+    Parameters
+    ----------
+    picture : an EXR of `film.exr`.
+    pixel_mm : width and height of a pixel in the plane through the camera's center.
+
+    Raises
+    ------
+    InputError : the picture has no spectrum, or is larger than ImageJ can read.
+    RunError : the file cannot be written.
+    """
+    import tifffile
+
+    image = read_exr(picture)
+    if not isinstance(image, SpectralImage):
+        raise InputError(
+            "it holds no spectrum, only RGB", where=str(picture), remedy="name a picture of `skinrender render`"
+        )
+    if image.radiance.nbytes > _MOST_BYTES:
+        raise InputError(f"{image.radiance.nbytes} bytes are more than ImageJ's TIFF holds", where=str(picture))
+    stack = np.ascontiguousarray(np.moveaxis(image.radiance, 2, 0) * np.float32(MM2_PER_M2))
+    metadata = {
+        "axes": "ZYX",
+        "Labels": [f"{nm:g} nm" for nm in image.wavelength_nm],
+        "unit": "mm",
+        "mode": "grayscale",
+        "Info": json.dumps({"unit": "W m^-2 sr^-1 in the band", "provenance": image.provenance}, sort_keys=True),
+    }
+    with whole_file(path) as partial:
+        try:
+            tifffile.imwrite(
+                partial, stack, imagej=True, resolution=(1.0 / pixel_mm[0], 1.0 / pixel_mm[1]), metadata=metadata
+            )
+        except ValueError as error:
+            raise RunError(f"cannot write {path}: {error}") from error
+    return len(stack)
