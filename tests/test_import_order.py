@@ -22,7 +22,7 @@ ORDER = (
     {"transport", "scene"},
 )
 LEVEL = {package: level for level, packages in enumerate(ORDER) for package in packages}
-SHARED = {"errors", "npz"}
+SHARED = {"atomic", "errors", "npz", "sources"}
 OWNERS = {
     "click": {"cli"},
     "pydantic": {"scene"},
@@ -31,8 +31,9 @@ OWNERS = {
     "numba": {"transport"},
     "colour": {"film/color.py"},
     "OpenEXR": {"film/exr.py"},
-    "matplotlib": {"skin/section.py"},
+    "matplotlib": {"skin/section.py", "analysis/plots.py"},
     "PIL": {"skin/gray.py"},
+    "tifffile": {"export/tiff.py"},
     "multiprocessing": {"engine/executor.py"},
     "dask": {"engine"},
     "distributed": {"engine"},

@@ -11,7 +11,9 @@ import click
 
 from skinrender.cli.failures import FailureGroup
 
-COMMANDS = ("build", "trace", "merge", "estimate", "render", "compare", "check", "info", "schema")
+COMMANDS = (
+    "plan", "build", "trace", "merge", "estimate", "render", "spectrum", "report", "compare", "check", "export", "info", "schema"
+)  # fmt: skip
 
 
 class OrderedGroup(FailureGroup):

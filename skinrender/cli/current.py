@@ -2,36 +2,19 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping
-from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from skinrender.cli.job import Job
+from skinrender.engine.identity import ESTIMATE_SOURCES
 from skinrender.errors import InputError
+from skinrender.sources import sources_hash
 
 if TYPE_CHECKING:
     from skinrender.photonmap.photon_map import PhotonMap
     from skinrender.scene import Scene
     from skinrender.skin.volume import SkinVolume
-
-PACKAGE = Path(__file__).parents[1]
-BUILD_SOURCES = ("optics", "skin")
-ESTIMATE_SOURCES = ("engine/estimate.py", "estimate", "film", "optics", "photonmap", "skin", "transport")
-
-
-@cache
-def program_hash(places: tuple[str, ...]) -> str:
-    """Fingerprint of some of the program's sources and data."""
-    digest = hashlib.sha256()
-    for place in places:
-        path = PACKAGE / place
-        files = [path] if path.is_file() else (file for file in path.rglob("*") if file.suffix in (".py", ".csv"))
-        for file in sorted(files):
-            digest.update(file.relative_to(PACKAGE).as_posix().encode() + b"\0" + file.read_bytes())
-    return digest.hexdigest()[:16]
 
 
 def matching_volume(job: Job) -> SkinVolume:
@@ -51,19 +34,24 @@ def matching_volume(job: Job) -> SkinVolume:
 
 def current_volume(job: Job) -> SkinVolume | None:
     """The volume, if it and its section need not be made again."""
+    from skinrender.skin.builder import BUILD_SOURCES
+
     try:
         volume = matching_volume(job)
     except InputError as error:
         _say_why(job, "build", error)
         return None
-    if volume.provenance.get("program") != program_hash(BUILD_SOURCES):
+    if volume.provenance.get("program") != sources_hash(BUILD_SOURCES):
         job.console.detail(f"build: {job.volume} was built by another version of this program")
         return None
     return volume if job.section.is_file() else None
 
 
-def matching_map(job: Job) -> PhotonMap:
-    """The photon map of this volume and light; raises `InputError` with the remedy if there is none."""
+def matching_map(job: Job, *, just_made: bool = False) -> PhotonMap:
+    """The photon map of this volume and light; raises `InputError` with the remedy if there is none.
+
+    Checksum and every photon are looked at unless it was just made.
+    """
     from skinrender.engine.recipe import scene_recipe
     from skinrender.photonmap.photon_map import open_map
 
@@ -77,7 +65,7 @@ def matching_map(job: Job) -> PhotonMap:
         raise InputError(
             f"was traced for another scene; it differs in: {', '.join(unlike)}", where=str(job.photons), remedy=remedy
         )
-    return photon_map
+    return photon_map if just_made else open_map(job.photons, verify=True, check_photons=True)
 
 
 def current_map(job: Job) -> PhotonMap | None:
@@ -106,8 +94,8 @@ def current_map(job: Job) -> PhotonMap | None:
     return None if unlike else photon_map
 
 
-def estimate_provenance(job: Job, photon_map: PhotonMap, reflectance: bool) -> dict[str, Any]:
-    """What determines the picture."""
+def estimate_provenance(job: Job, photons: Mapping[str, Any], reflectance: bool) -> dict[str, Any]:
+    """What determines the picture; photons: provenance of what it shows."""
     from skinrender.scene import ESTIMATE_PARTS, scene_hash
 
     return as_json(
@@ -116,20 +104,20 @@ def estimate_provenance(job: Job, photon_map: PhotonMap, reflectance: bool) -> d
             "hash": scene_hash(job.scene, ESTIMATE_PARTS),
             "scene": job.scene.model_dump(mode="json", exclude_none=True),
             "reflectance": reflectance,
-            "program": program_hash(ESTIMATE_SOURCES),
-            "photon_map": dict(photon_map.provenance),
+            "program": sources_hash(ESTIMATE_SOURCES),
+            "photon_map": dict(photons),
         }
     )
 
 
 def current_summary(job: Job, provenance: Mapping[str, Any]) -> dict[str, Any] | None:
     """The summary of the picture that is there, if it need not be made again."""
-    from skinrender.film.exr import provenance_of
+    from skinrender.film.exr import read_exr
 
     if not (job.exr.is_file() and job.png.is_file()):
         return None
     try:
-        found = provenance_of(job.exr)
+        found = read_exr(job.exr).provenance
     except InputError as error:
         _say_why(job, "estimate", error)
         return None

@@ -9,10 +9,11 @@ from typing import Any, NoReturn
 
 import click
 
+from skinrender.engine.interrupt import handled_by, stop_at_once
 from skinrender.errors import InputError, RunError
 
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
-_KEPT = "interrupted; files that were finished are kept, the same command goes on from them"
+_KEPT = "interrupted; what was finished is kept\n  go on with the same command (trace and render: and --resume)"
 _REMEDIES = {
     errno.ENOSPC: "free some room on the disk, or choose another with -o",
     errno.EDQUOT: "free some of your quota, or choose another disk with -o",
@@ -26,9 +27,18 @@ _REMEDIES = {
 class FailureGroup(click.Group):
     """Turns every failure that a user can cause into one message and an exit code; all others stay visible."""
 
-    def invoke(self, ctx: click.Context) -> Any:
+    def main(self, *args: Any, **extra: Any) -> Any:
         try:
-            result = super().invoke(ctx)
+            return super().main(*args, **extra)
+        except OSError as error:  # of printing help itself; the commands' own are told below
+            click.echo(f"failed: {_told(error)}", err=True)
+            sys.exit(FAILED)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        _open_closed_streams()
+        try:
+            with handled_by(stop_at_once):
+                result = super().invoke(ctx)
             sys.stdout.flush()
             return result
         except InputError as error:
@@ -45,6 +55,14 @@ class FailureGroup(click.Group):
             _stop(ctx, f"failed: {_told(error)}", FAILED)
         except MemoryError:
             _stop(ctx, "failed: out of memory\n  use fewer columns, pixels or --workers", FAILED)
+
+
+def _open_closed_streams() -> None:
+    """Where the caller closed stdout or stderr (``>&-``), speak to nobody: the next file opened must not take its place."""
+    for number, name in ((1, "stdout"), (2, "stderr")):
+        if getattr(sys, name) is None:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), number)
+            setattr(sys, name, open(number, "w", encoding="utf-8", closefd=False))
 
 
 def _stop(ctx: click.Context, message: str, code: int) -> NoReturn:

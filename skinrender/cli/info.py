@@ -22,15 +22,21 @@ _ZIP_MAGIC = b"PK\x03\x04"
 def info(file: Path, console: Console) -> None:
     """Say what FILE (a volume, a photon map or an EXR picture) holds and where it came from.
 
-    -v also shows its provenance.
+    -v shows the whole provenance, without it what it takes to tell two files apart.
 
     \b
     Example:
       skinrender info out/fig12_epidermal/photons.npz
     """
     summary = {"file": str(file), **_describe(file), "bytes": file.stat().st_size}
-    hidden = () if console.verbose else ("provenance",)
-    console.result(summary, _rows({key: value for key, value in summary.items() if key not in hidden}))
+    shown = summary if console.verbose else summary | {"provenance": _identity(summary.get("provenance", {}))}
+    console.result(summary, _rows(shown))
+
+
+def _identity(provenance: Mapping[str, Any]) -> dict[str, Any]:
+    """Stage, seed, hashes: what a provenance holds beside nested parts, hashes shortened."""
+    plain = {key: value for key, value in provenance.items() if isinstance(value, str | int | float)}
+    return {key: value[:12] if isinstance(value, str) else value for key, value in plain.items()}
 
 
 def _describe(file: Path) -> dict[str, Any]:
@@ -71,6 +77,7 @@ def _volume(file: Path) -> dict[str, Any]:
         "wavelength_nm": _range(volume.wavelength_nm),
         "palette_entries": len(volume.palette_layer),
         "melanin": _range(volume.palette_melanin),
+        **_inks(volume),
         "mu_a_per_mm": _range(volume.mu_a[1:]),
         "mu_s_per_mm": _range(volume.mu_s[1:]),
         "g": _range(volume.g[1:]),
@@ -79,6 +86,13 @@ def _volume(file: Path) -> dict[str, Any]:
         "relief_mm": None if volume.surface_mm is None else _range(volume.surface_mm),
         "provenance": volume.provenance,
     }
+
+
+def _inks(volume: Any) -> dict[str, Any]:
+    """Volume fractions of the inks, where there is a tattoo."""
+    if volume.palette_ink is None:
+        return {}
+    return {"ink": {name: _range(fraction) for name, fraction in zip(volume.ink_name, volume.palette_ink.T)}}
 
 
 def _photon_map(file: Path) -> dict[str, Any]:
@@ -103,7 +117,7 @@ def _photon_map(file: Path) -> dict[str, Any]:
 def _picture(file: Path) -> dict[str, Any]:
     import numpy as np
 
-    from skinrender.film.exr import read_exr
+    from skinrender.film.exr import channel_names, read_exr
     from skinrender.film.spectral_image import SpectralImage
 
     image = read_exr(file)
@@ -111,6 +125,7 @@ def _picture(file: Path) -> dict[str, Any]:
     described: dict[str, Any] = {
         "kind": "picture",
         "pixels": list(y.shape[::-1]),
+        "channels": _grouped(channel_names(file)),
         "luminance": _range(y),
         "luminance_mean": float(y.mean()),
         "pixels_not_finite": int(np.sum(~np.isfinite(y))),
@@ -130,6 +145,14 @@ def _picture(file: Path) -> dict[str, Any]:
             described["summary"] = image.provenance["summary"]
         described["provenance"] = image.provenance
     return described
+
+
+def _grouped(channels: list[str]) -> list[str]:
+    """Channel names, those of the bands of one quantity together: "S0.380,000000nm ... (81)"."""
+    groups: dict[str, list[str]] = {}
+    for name in channels:
+        groups.setdefault(name.partition(".")[0] if name.endswith("nm") else name, []).append(name)
+    return [names[0] if len(names) == 1 else f"{names[0]} ... ({len(names)})" for names in groups.values()]
 
 
 def _range(values: Any) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +27,7 @@ class Job:
     out : folder of the results; exists.
     console : to speak to.
     clock : seconds by stage.
+    began : `time.monotonic` of the command's beginning.
     """
 
     scene: Scene
@@ -33,6 +35,7 @@ class Job:
     out: Path
     console: Console
     clock: StageClock
+    began: float
 
     @property
     def volume(self) -> Path:
@@ -69,11 +72,11 @@ def open_job(scene_path: Path, overrides: Iterable[str], output: Path | None, co
     from skinrender.engine.clock import StageClock
     from skinrender.scene import load_scene
 
-    clock = StageClock()
+    began, clock = time.monotonic(), StageClock()
     with clock.stage("load"):
         scene = load_scene(scene_path, overrides)
     out = make_folder(output if output is not None else Path("out") / scene.name)
-    return Job(scene, scene_path, out, console, clock)
+    return Job(scene, scene_path, out, console, clock, began)
 
 
 def make_folder(path: Path) -> Path:

@@ -58,6 +58,18 @@ def reporting(function: Callable) -> Callable:
 
 def on_scene(function: Callable) -> Callable:
     """Add SCENE, --set and -o; the command receives ``scene_path``, ``overrides`` and ``output``."""
+    return click.argument("scene_path", metavar="SCENE", type=click.Path(path_type=Path))(_on_scenes(function))
+
+
+def on_scenes(function: Callable) -> Callable:
+    """Add SCENE..., --set and -o; the command receives ``scene_paths``, ``overrides`` and ``output``."""
+    scenes = click.argument(
+        "scene_paths", metavar="SCENE...", nargs=-1, required=True, type=click.Path(path_type=Path)
+    )
+    return scenes(_on_scenes(function))
+
+
+def _on_scenes(function: Callable) -> Callable:
     for decorate in (
         click.option(
             "-o", "--output", type=click.Path(path_type=Path), metavar="DIR",
@@ -67,7 +79,6 @@ def on_scene(function: Callable) -> Callable:
             "--set", "overrides", multiple=True, metavar="KEY.PATH=VALUE",
             help="Set a value of the scene, e.g. lesions.0.melanin_scale=0.1; may be repeated.",
         ),
-        click.argument("scene_path", metavar="SCENE", type=click.Path(path_type=Path)),
     ):  # fmt: skip
         function = decorate(function)
     return function
@@ -93,7 +104,7 @@ def estimating(function: Callable) -> Callable:
             help="Photons that a beam or sample point meets on average.  [default: the scene's]",
         ),
         click.option(
-            "--method", type=click.Choice(["beam", "point"]), help="Radiance estimate.  [default: the scene's]"
+            "--method", type=click.Choice(["beam", "point", "reference"]), help="Radiance estimate.  [default: the scene's]"
         ),
     ):  # fmt: skip
         function = decorate(function)
@@ -105,6 +116,14 @@ def with_workers(function: Callable) -> Callable:
     return click.option(
         "--workers", type=click.IntRange(min=1), help="Processes or threads.  [default: what the run is worth]"
     )(function)
+
+
+def on_cluster(function: Callable) -> Callable:
+    """Add --scheduler."""
+    return click.option(
+        "--scheduler", metavar="ADDRESS",
+        help="Have the photons walked by a dask cluster, e.g. tcp://10.0.0.5:8786 (extra `cluster`).",
+    )(function)  # fmt: skip
 
 
 def as_overrides(

@@ -9,10 +9,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from skinrender.cli.console import Row, bytes_text, with_error
-from skinrender.cli.current import BUILD_SOURCES, estimate_provenance, program_hash
+from skinrender.cli.current import estimate_provenance
 from skinrender.cli.job import Job
 
 if TYPE_CHECKING:
+    from skinrender.engine.estimate import EstimateSummary
+    from skinrender.film.spectral_image import SpectralImage
     from skinrender.photonmap.photon_map import PhotonMap
     from skinrender.skin.volume import SkinVolume
 
@@ -27,21 +29,29 @@ def run_build(job: Job) -> SkinVolume:
     with folder_lock(job.out):
         with job.clock.stage("load"):
             volume = build_volume(job.scene)
-            program = {"program": program_hash(BUILD_SOURCES)}
-            save_volume(replace(volume, provenance=volume.provenance | program), job.volume)
+            save_volume(volume, job.volume)
         with job.clock.stage("write"):
             draw_section(volume, job.section)
     return load_volume(job.volume)
 
 
-def run_trace(job: Job, workers: int | None, resume: bool, shard: tuple[int, int] | None = None) -> dict[str, Any]:
-    """Trace the photons; returns the summary that ``trace --json`` prints."""
+def run_trace(
+    job: Job, workers: int | None, resume: bool, shard: tuple[int, int] | None = None, scheduler: str | None = None
+) -> dict[str, Any]:
+    """Trace the photons, here or on a cluster; returns the summary that ``trace --json`` prints."""
     from skinrender.engine.trace import trace
 
-    summary = trace(
-        job.scene, job.volume, job.out,
-        workers=workers, resume=resume, shard=shard, progress=job.console.progress, clock=job.clock,
-    )  # fmt: skip
+    with contextlib.ExitStack() as stack:
+        open_executor = None
+        if scheduler is not None:
+            from skinrender.engine.cluster import connect
+
+            cluster = stack.enter_context(connect(scheduler))
+            workers, open_executor = cluster.slots, cluster.open_executor
+        summary = trace(
+            job.scene, job.volume, job.out, workers=workers, resume=resume, shard=shard,
+            progress=job.console.progress, clock=job.clock, open_executor=open_executor,
+        )  # fmt: skip
     return summary.as_json()
 
 
@@ -51,22 +61,56 @@ def run_estimate(
     """Estimate the picture and write it; returns the summary that ``estimate --json`` prints."""
     from skinrender.engine.estimate import estimate
     from skinrender.engine.lock import folder_lock
-    from skinrender.film.exr import write_exr
-    from skinrender.film.png import write_png
 
     with folder_lock(job.out):
         image, summary = estimate(
             job.scene, volume, photon_map, threads=workers, progress=job.console.progress, clock=job.clock
         )
-        told = {key: value for key, value in summary.as_json().items() if key != "seconds"}
-        told = {key: None if _undefined(value) else value for key, value in told.items()}
-        with job.clock.stage("write"):
-            told["clipped_fraction"] = write_png(job.png, image.display_rgb())
-            provenance = estimate_provenance(job, photon_map, reflectance) | {"summary": told}
-            write_exr(job.exr, replace(image, provenance=provenance), reflectance=reflectance)
+        return write_picture(job, image, summary, reflectance)
+
+
+def write_picture(job: Job, image: SpectralImage, summary: EstimateSummary, reflectance: bool) -> dict[str, Any]:
+    """Write a picture as EXR and PNG; returns the summary that ``estimate --json`` prints."""
+    from skinrender.film.exr import write_exr
+    from skinrender.film.png import write_png
+
+    told = {key: value for key, value in summary.as_json().items() if key != "seconds"}
+    told = {key: None if _undefined(value) else value for key, value in told.items()}
+    with job.clock.stage("write"):
+        told["clipped_fraction"] = write_png(job.png, image.display_rgb())
+        provenance = estimate_provenance(job, image.provenance["photon_map"], reflectance) | {"summary": told}
+        write_exr(job.exr, replace(image, provenance=provenance), reflectance=reflectance)
     if told["nan_pixels"]:
         job.console.warn(f"{told['nan_pixels']} pixels of {job.exr} are not finite")
     return told
+
+
+def run_until(
+    job: Job, volume: SkinVolume, target_error: float | None, seconds: float | None, reflectance: bool, threads: int | None
+) -> dict[str, Any]:
+    """Walk and estimate until the picture is good enough or its time is over; returns both summaries in one.
+
+    `seconds` are counted from the beginning of the job.
+    """
+    from skinrender.engine.lock import folder_lock
+    from skinrender.engine.progressive import Goal, render_until
+    from skinrender.engine.recipe import scene_recipe
+
+    told: dict[str, Any] = {}
+
+    def show(image: SpectralImage, summary: EstimateSummary) -> None:
+        told.update(write_picture(job, image, summary, reflectance))
+        noise = told["stderr_relative_mean"]
+        rounds = image.provenance["photon_map"]["rounds"]
+        job.console.detail(f"{rounds} rounds: noise of a pixel " + ("unknown" if noise is None else f"{100 * noise:.2g} %"))
+
+    goal = Goal(target_error, None if seconds is None else job.began + seconds)
+    with folder_lock(job.out):
+        traced = render_until(
+            goal, job.scene, volume, scene_recipe(job.scene, job.volume), show, threads=threads,
+            progress=job.console.progress, clock=job.clock,
+        )  # fmt: skip
+    return traced.as_json() | told
 
 
 def volume_summary(job: Job, volume: SkinVolume) -> dict[str, Any]:
@@ -106,6 +150,9 @@ def trace_rows(summary: Mapping[str, Any], by_wavelength: bool = False) -> list[
     return rows
 
 
+_REMAINING = {"left_out": "light left out, about", "mesh": "bias of the mesh of rays"}
+
+
 def estimate_rows(summary: Mapping[str, Any]) -> list[Row]:
     """The picture in a table."""
     noise, clipped = summary["stderr_relative_mean"], summary["clipped_fraction"]
@@ -114,6 +161,10 @@ def estimate_rows(summary: Mapping[str, Any]) -> list[Row]:
         ("mean radiance", f"{_scientific(summary['mean_radiance'])} W mm^-2 sr^-1"),
         ("photons gathered", f"{summary['photons_gathered_mean']:.4g} on average"),
         ("noise of a pixel", "unknown" if noise is None else f"{100 * noise:.2g} % of its luminance on average"),
+    ]
+    rows += [
+        (_REMAINING[name], f"{100 * part['value']:.2g} ± {100 * (part['stderr'] or 0.0):.1g} % of the mean")
+        for name, part in summary.get("remaining_bias", {}).items()
     ]
     if clipped:
         rows.append(("clipped in the PNG", f"{100 * clipped:.2g} % of the pixels; the EXR holds them as they are"))

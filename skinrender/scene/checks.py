@@ -9,6 +9,7 @@ from typing import Any
 
 from skinrender.scene.problems import Problem, did_you_mean
 from skinrender.scene.schema import Scene
+from skinrender.scene.schema_lesion import INKS
 from skinrender.scene.schema_light import ILLUMINANTS
 
 Found = Iterator[Problem]
@@ -24,7 +25,7 @@ def presence_problems(data: dict[str, Any]) -> Found:
     elif not skin and not slab:
         yield Problem((), "has neither skin nor slab; add 'skin: {site: forearm}' or a slab with its layers")
     if slab and not skin and data.get("lesions"):
-        yield Problem(("lesions",), "macules need skin; remove them, or describe the tissue by skin in place of slab")
+        yield Problem(("lesions",), "lesions need skin; remove them, or describe the tissue by skin in place of slab")
 
 
 def cross_problems(scene: Scene, wrong: frozenset[str] = frozenset()) -> Found:
@@ -99,20 +100,25 @@ def _tables(scene: Scene) -> Found:
 
 
 def _spectrum(scene: Scene) -> Found:
-    name, path = scene.light.spectrum, ("light", "spectrum")
-    if name in ILLUMINANTS:
+    yield from _unknown_spectrum(scene, ("light", "spectrum"), scene.light.spectrum, ILLUMINANTS)
+
+
+def _unknown_spectrum(scene: Scene, path: tuple[str, ...], name: str, known: tuple[str, ...]) -> Found:
+    """A spectrum is known by its name or is a CSV file."""
+    if name in known:
         return
     if not name.lower().endswith(".csv"):
-        allowed = ", ".join(f"'{illuminant}'" for illuminant in ILLUMINANTS)
-        text = f"got '{name}'; allowed: {allowed} or a .csv file{did_you_mean(name, ILLUMINANTS)}"
-        yield Problem(path, text)
+        allowed = ", ".join(f"'{spectrum}'" for spectrum in known)
+        yield Problem(path, f"got '{name}'; allowed: {allowed} or a .csv file{did_you_mean(name, known)}")
     else:
         yield from _missing_file(scene, path, name)
 
 
-def _patterns(scene: Scene) -> Found:
+def _lesion_files(scene: Scene) -> Found:
     for i, lesion in enumerate(scene.lesions):
         yield from _missing_file(scene, ("lesions", str(i), "pattern"), lesion.pattern)
+        if lesion.kind == "tattoo":
+            yield from _unknown_spectrum(scene, ("lesions", str(i), "ink"), lesion.ink, INKS)
 
 
 def _height_map(scene: Scene) -> Found:
@@ -136,6 +142,6 @@ _CHECKS: tuple[tuple[tuple[str, ...], Callable[[Scene], Found]], ...] = (
     (("skin", "slab", "relief"), _furrows),
     (("skin", "slab", "outside", "below", "bands_nm"), _tables),
     (("light",), _spectrum),
-    (("lesions",), _patterns),
+    (("lesions",), _lesion_files),
     (("relief",), _height_map),
 )

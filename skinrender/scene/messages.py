@@ -22,7 +22,16 @@ _schema = functools.cache(json_schema)
 
 def validation_problems(error: ValidationError, data: Any) -> list[Problem]:
     """One problem for each thing that pydantic found wrong with `data`."""
-    return [_problem(item, data, _schema()) for item in error.errors(include_url=False)]
+    items = error.errors(include_url=False)
+    return [_problem(item, data, _schema()) for item in items if not _only_follows(item, items)]
+
+
+def _only_follows(item: dict[str, Any], items: list[dict[str, Any]]) -> bool:
+    """Whether a list is called too short only because the entries that are wrong were not counted."""
+    loc = item["loc"]
+    return item["type"] == "too_short" and any(
+        other["loc"][: len(loc)] == loc and len(other["loc"]) > len(loc) for other in items
+    )
 
 
 def _problem(item: dict[str, Any], data: Any, root: dict[str, Any]) -> Problem:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from skinrender.errors import InputError
 from skinrender.scene.schema import Scene
+from skinrender.scene.schema_lesion import INKS
 from skinrender.scene.schema_light import ILLUMINANTS
 
 BUILD_PARTS = (
@@ -57,6 +58,8 @@ def _value(values: dict, part: str) -> object:
 def _files(scene: Scene, parts: list[str]) -> Iterator[Path]:
     if "lesions" in parts:
         yield from (scene.path(lesion.pattern) for lesion in scene.lesions)
+        inks = (lesion.ink for lesion in scene.lesions if lesion.kind == "tattoo")
+        yield from (scene.path(ink) for ink in inks if ink not in INKS)
     if "light" in parts and scene.light.spectrum not in ILLUMINANTS:
         yield scene.path(scene.light.spectrum)
     if "relief" in parts and scene.relief.kind == "height_map":

@@ -68,7 +68,7 @@ class Scene(Part):
     inner_borders: Literal["auto", "fresnel", "matched"] = Field(
         "auto", description="reflection and refraction between layers; auto = for slabs of flat borders only"
     )
-    lesions: Annotated[tuple[Lesion, ...], Field(max_length=64)] = Field((), description="macules, applied in order")
+    lesions: Annotated[tuple[Lesion, ...], Field(max_length=64)] = Field((), description="lesions, applied in order")
     light: Light = Field(PointLight(), description="the light")
     camera: Camera = Field(OrthographicCamera(), description="the camera")
     finish: Finish = Field(Finish(), description="how the surface reflects")

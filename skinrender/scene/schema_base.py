@@ -11,7 +11,9 @@ FIRST_NM = 380.0
 LAST_NM = 780.0
 MAX_BANDS = 255
 MAX_COEFFICIENT_PER_MM = 1e6
+MIN_LENGTH_MM = 1e-3
 MAX_LENGTH_MM = 1e4
+MIN_VOXEL_MM = 1e-10
 
 
 class Part(BaseModel):
@@ -50,7 +52,7 @@ Fraction = Annotated[Number, Field(ge=0, le=1)]
 Text = Annotated[str, Field(strict=True)]
 Flag = Annotated[bool, Field(strict=True)]
 Seed = whole(0, 2**63 - 1)
-LengthMm = Annotated[Number, Field(gt=0, le=MAX_LENGTH_MM)]
+LengthMm = Annotated[Number, Field(ge=MIN_LENGTH_MM, le=MAX_LENGTH_MM)]
 Zenith = Annotated[Number, Field(ge=0, lt=90)]
 Azimuth = Annotated[Number, Field(ge=-360, le=360)]
 Pixels = whole(1, 8192)

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from skinrender.scene.schema_base import Azimuth, Number, Part, Positive, Text, Zenith, default_kind
+from skinrender.scene.schema_base import Azimuth, Number, Part, Text, Zenith, default_kind
 
 # The CIE illuminants that the optics package has tables or formulas for.
 ILLUMINANTS = (
@@ -25,6 +25,7 @@ ILLUMINANTS = (
     "LED-V2",
 )
 
+Power = Annotated[Number, Field(ge=1e-30, le=1e30)]
 PositionMm = tuple[Number, Number]
 Spectrum = Annotated[
     Text,
@@ -39,9 +40,9 @@ class PointLight(Part):
     """A lamp that shines alike in all directions."""
 
     kind: Literal["point"] = "point"
-    height_mm: Annotated[Number, Field(gt=0, le=1e7)] = Field(100.0, description="height above the mean surface")
+    height_mm: Annotated[Number, Field(ge=1e-3, le=1e7)] = Field(100.0, description="height above the mean surface")
     position_mm: PositionMm | None = Field(None, description="x and y of the lamp; left out = above the patch's centre")
-    intensity_W_per_sr: Positive = Field(1000.0, description="radiant intensity, total of the scene's bands")
+    intensity_W_per_sr: Power = Field(1000.0, description="radiant intensity, total of the scene's bands")
     spectrum: Spectrum = "D65"
 
 
@@ -57,10 +58,10 @@ class CollimatedLight(Part):
     position_mm: PositionMm | None = Field(
         None, description="where the beam's axis meets the mean surface; left out = the patch's centre"
     )
-    irradiance_W_per_mm2: Positive = Field(
+    irradiance_W_per_mm2: Power = Field(
         1.0, description="irradiance on a plane across the beam, total of the scene's bands"
     )
-    power_W: Positive = Field(1.0, description="power of a pencil (radius_mm: 0), total of the scene's bands")
+    power_W: Power = Field(1.0, description="power of a pencil (radius_mm: 0), total of the scene's bands")
     spectrum: Spectrum = "D65"
 
 
@@ -68,7 +69,7 @@ class SkyLight(Part):
     """Light of the same radiance from every direction above."""
 
     kind: Literal["sky"]
-    radiance_W_per_mm2_sr: Positive = Field(1.0, description="radiance, total of the scene's bands")
+    radiance_W_per_mm2_sr: Power = Field(1.0, description="radiance, total of the scene's bands")
     spectrum: Spectrum = "D65"
 
 

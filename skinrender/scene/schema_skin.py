@@ -11,6 +11,7 @@ from skinrender.scene.schema_base import (
     FIRST_NM,
     LAST_NM,
     MAX_BANDS,
+    MIN_VOXEL_MM,
     Anisotropy,
     Coefficient,
     Fraction,
@@ -25,6 +26,7 @@ from skinrender.scene.schema_base import (
 )
 
 Site = Literal["forearm", "cheek"]
+Tone = Literal["very_light", "light", "intermediate", "tan", "brown"]
 LayerName = Literal[
     "stratum_corneum",
     "granular_spinous",
@@ -85,7 +87,7 @@ Bands = Annotated[
 class LayerOverride(Part):
     """Values that replace a layer's preset; what is left out stays as the site has it."""
 
-    thickness_um: Annotated[Number, Field(gt=0, le=1e6)] | None = Field(None, description="thickness of the layer")
+    thickness_um: Annotated[Number, Field(ge=1e-3, le=1e6)] | None = Field(None, description="thickness of the layer")
     voxel_layers: VoxelLayers | None = Field(None, description="number of voxel layers the layer is divided into")
     melanosome: Fraction | None = Field(None, description="volume fraction of melanosomes")
     blood: Fraction | None = Field(None, description="volume fraction of blood")
@@ -136,6 +138,11 @@ class Skin(Part):
     """Skin of a body site, with changes layer by layer."""
 
     site: Site = Field("forearm", description="the preset that gives every layer its thickness and composition")
+    tone: Tone | None = Field(
+        None,
+        description="class of individual typology angle: changes the preset's melanin and blood; left out = the "
+        "Japanese mean of the site",
+    )
     layers: dict[LayerName, LayerOverride] = Field(
         default_factory=dict,
         description="changes to the preset, by layer name",
@@ -150,12 +157,18 @@ class SlabLayer(Part):
     name: Annotated[Text, Field(min_length=1, max_length=64)] | None = Field(
         None, description="name in tables; left out = layer_1, layer_2, … from the top"
     )
-    thickness_mm: Annotated[Number, Field(gt=0, le=1e5)] = Field(description="thickness of the layer")
+    thickness_mm: Annotated[Number, Field(ge=1e-9, le=1e5)] = Field(description="thickness of the layer")
     mu_a_per_mm: Coefficient = Field(description="absorption coefficient: a number or a table wavelength_nm: value")
     mu_s_per_mm: Coefficient = Field(description="scattering coefficient: a number or a table")
     g: Anisotropy = Field(description="mean cosine of the scattering angle: a number or a table")
     refractive_index: RefractiveIndex = Field(description="refractive index: a number or a table")
     voxel_layers: VoxelLayers = Field(1, description="number of voxel layers the layer is divided into")
+
+    @model_validator(mode="after")
+    def _check(self) -> SlabLayer:
+        if self.thickness_mm < MIN_VOXEL_MM * self.voxel_layers:
+            raise mistake(f"{self.voxel_layers} voxel layers in {self.thickness_mm:g} mm are too thin; use fewer")
+        return self
 
 
 class Slab(Part):

@@ -138,3 +138,25 @@ def test_values_are_rounded_to_their_error(value, stderr, text):
     from skinrender.cli.console import with_error
 
     assert with_error({"value": value, "stderr": stderr}) == text
+
+
+def test_plan_writes_nothing_and_tells_all(slab, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    before = sorted(path.name for path in tmp_path.iterdir())
+    summary = summary_of(call("plan", slab, "--json"))
+    assert sorted(path.name for path in tmp_path.iterdir()) == before
+    assert {"features", "photons_emitted", "photons_stored", "bytes", "seconds", "rounds"} <= summary.keys()
+    assert all(row.keys() == {"feature", "used", "reason"} and row["reason"] for row in summary["features"])
+    assert {"disk_free", "memory_free"} <= summary["bytes"].keys()
+
+
+def test_plan_warns_of_a_disk_too_small(slab):
+    result = call("plan", slab, "--photons", "1e13")
+    assert result.exit_code == 0
+    assert "warning: disk: " in result.stderr and "are free" in result.stderr
+
+
+def test_plan_of_a_volume_larger_than_memory_is_2(slab):
+    result = call("plan", slab, "--set", "patch.columns=[5000,5000]", "--set", "slab.layers.0.voxel_layers=10000")
+    assert result.exit_code == 2
+    assert "takes 500.0 GB of memory" in result.stderr

@@ -113,6 +113,17 @@ def test_human_summary_is_a_table(rendered, smoke_scene):
     assert "mean radiance" in result.stdout and "W mm^-2 sr^-1" in result.stdout
 
 
+def test_reference_says_what_may_still_be_wrong(first_render, rendered, smoke_scene):
+    call_for = ("estimate", smoke_scene, *SMALL, "-o", rendered, "--method", "reference")
+    summary = summary_of(call(*call_for, "--json"))
+    assert {"reference.exr", "reference.png"} <= {path.name for path in rendered.iterdir()}
+    for part in summary["remaining_bias"].values():
+        assert abs(part["value"]) < 0.2 and part["stderr"] >= 0
+    beam = first_render[1]["mean_radiance"]
+    assert summary["mean_radiance"]["value"] == pytest.approx(beam["value"], abs=6 * beam["stderr"])
+    assert "light left out" in call(*call_for).stdout
+
+
 def test_reflectance_adds_channels(rendered, smoke_scene):
     import OpenEXR
 
@@ -170,7 +181,20 @@ def test_info_tells_what_a_file_is(first_render, name, kind):
     assert summary["kind"] == kind and summary["provenance"]
     assert summary["wavelength_nm"] == {"count": 3, "min": 450, "max": 650}
     text = call("info", path).stdout
-    assert "450 to 650" in text and "provenance" not in text and len(text.splitlines()) < 40
+    assert "450 to 650" in text and "provenance" in text and len(text.splitlines()) < 40
+
+
+def test_build_and_info_of_a_tattoo(tmp_path, slab):
+    Image.fromarray(np.array([[0, 255]], np.uint8)).save(tmp_path / "dot.png")
+    lesion = "{kind: tattoo, pattern: dot.png, ink: green, volume_fraction: 0.01, depth_mm: [0.2, 0.5]}"
+    scene = tmp_path / "tattoo.yaml"
+    scene.write_text(f"patch: {{size_mm: [1, 1], columns: [2, 1]}}\nbands_nm: [550]\nskin: {{}}\nlesions: [{lesion}]\n")
+    assert call("build", scene, "-o", tmp_path, "-q").exit_code == 0 and (tmp_path / "section.png").is_file()
+    ink = summary_of(call("info", tmp_path / "volume.npz", "--json"))["ink"]
+    assert ink["green"]["max"] == pytest.approx(0.01) and ink["green"]["min"] == 0
+    assert "green: 0 to 0.01" in call("info", tmp_path / "volume.npz").stdout
+    assert call("build", slab, "-o", tmp_path, "-q").exit_code == 0
+    assert "ink" not in summary_of(call("info", tmp_path / "volume.npz", "--json"))
 
 
 @pytest.mark.parametrize("name", ["timing.csv", "none.npz", "."])
@@ -214,3 +238,13 @@ def test_compare_with_a_mask_of_another_size_is_2(first_render, tmp_path):
     result = call("compare", picture, picture, "--mask", tmp_path / "mask.png")
     assert result.exit_code == 2
     assert "9 x 8" in result.stderr
+
+
+@pytest.mark.parametrize("command", ["trace", "render"])
+def test_a_scheduler_that_is_none_is_refused_before_anything_is_walked(slab, tmp_path, command):
+    pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
+    call("build", slab, "-o", tmp_path)
+    result = call(command, slab, "-o", tmp_path, "--scheduler", "nowhere")
+    assert result.exit_code == 2
+    assert "--scheduler: nowhere cannot be reached" in result.stderr
+    assert not (tmp_path / "rounds").exists()

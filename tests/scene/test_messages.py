@@ -43,7 +43,7 @@ ADDED = {
     ),
     "unit in the value": (
         "  height_mm: 50 mm",
-        "scene.yaml:7:3: light.height_mm: got '50 mm'; expected a number > 0 and <= 10000000, without quotes or unit",
+        "scene.yaml:7:3: light.height_mm: got '50 mm'; expected a number >= 0.001 and <= 10000000, without quotes or unit",
     ),
     "bound": (
         "finish: {roughness: 0}",
@@ -98,7 +98,7 @@ ADDED = {
     ),
     "missing kind": (
         "lesions: [{pattern: a.png}]",
-        "scene.yaml:7:11: lesions.0.kind: missing; allowed: 'epidermal', 'dermal'",
+        "scene.yaml:7:11: lesions.0.kind: missing; allowed: 'epidermal', 'dermal', 'mole', 'tattoo'",
     ),
     "missing key of a kind": (
         "camera: {kind: perspective}",
@@ -120,7 +120,7 @@ ADDED = {
     ),
     "mapping for a list": (
         "lesions: {kind: epidermal}",
-        "scene.yaml:7:1: lesions: got a mapping; expected a list, each a mapping of kind epidermal or dermal",
+        "scene.yaml:7:1: lesions: got a mapping; expected a list, each a mapping of kind epidermal or dermal or mole or tattoo",
     ),
     "pair of one": (
         "camera: {pixels: [32]}",
@@ -319,7 +319,7 @@ def test_a_mistake_in_a_line_is_told(write_scene, scene_text, old, new, line):
     [
         (
             "lesions: [{kind: epidermal, pattern: a.png}]",
-            "scene.yaml:6:1: lesions: macules need skin; remove them, or describe the tissue by skin in place of slab",
+            "scene.yaml:6:1: lesions: lesions need skin; remove them, or describe the tissue by skin in place of slab",
         ),
         (
             "relief: {kind: procedural}",
@@ -395,3 +395,17 @@ def test_a_file_without_keys_is_told(write_scene, text, words):
 def test_plain_data_has_no_places():
     with pytest.raises(InputError, match=r"^photons\.seed: got 'a'; expected a whole number"):
         make_scene({"patch": {"size_mm": [1, 1], "columns": [1, 1]}, "skin": {}, "photons": {"seed": "a"}})
+
+
+def test_a_wrong_layer_does_not_make_the_list_too_short(tmp_path):
+    path = tmp_path / "scene.yaml"
+    path.write_text(SLAB.replace("thickness_mm: 1,", "thickness_mm: -1,"), encoding="utf-8")
+    [line] = mistakes(path)
+    assert line.endswith("slab.layers.0.thickness_mm: got -1; expected a number >= 1e-09 and <= 100000")
+
+
+def test_voxels_too_thin_are_told(tmp_path):
+    path = tmp_path / "scene.yaml"
+    path.write_text(SLAB.replace("thickness_mm: 1,", "thickness_mm: 1e-8, voxel_layers: 1000,"), encoding="utf-8")
+    [line] = mistakes(path)
+    assert "1000 voxel layers in 1e-08 mm are too thin" in line

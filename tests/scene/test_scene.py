@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 
 from skinrender.errors import InputError
 from skinrender.optics.illuminants import illuminant_names
+from skinrender.optics.inks import ink_names
 from skinrender.scene import BUILD_PARTS, ESTIMATE_PARTS, TRACE_PARTS, json_schema, load_scene, make_scene, scene_hash
+from skinrender.scene.schema_lesion import INKS
 from skinrender.scene.schema_light import ILLUMINANTS
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
@@ -106,6 +108,10 @@ def test_a_beam_on_the_patch_is_accepted(light):
 
 def test_the_illuminants_are_those_of_the_optics():
     assert set(ILLUMINANTS) == set(illuminant_names())
+
+
+def test_the_inks_are_those_of_the_optics():
+    assert ink_names() == INKS
 
 
 def test_a_scene_can_not_be_changed():

@@ -1,0 +1,93 @@
+"""A scene that passes validation never ends in a traceback, a number that is none, lost photons or a hang."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import tempfile
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import TimeoutError as TookTooLong
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from skimage.io import imsave
+
+from skinrender.analysis.stability_case import run, sound
+from skinrender.errors import InputError, RunError
+from skinrender.scene import make_scene
+from tests.system.scenes import COLUMNS, PATTERN, scenes
+
+SECONDS = 120
+"""For one small scene, compiling included; a walk that cannot end is given up later."""
+EXAMPLES = int(os.environ.get("SEARCH_EXAMPLES", "300"))
+SEARCH = {"deadline": None, "suppress_health_check": list(HealthCheck), "database": None}
+
+
+def told(described: dict[str, Any]) -> list[str]:
+    """What is wrong with the outcome of a scene; a message to its writer is not."""
+    with tempfile.TemporaryDirectory() as folder:
+        pattern = np.linspace(255, 0, COLUMNS * COLUMNS).astype(np.uint8).reshape(COLUMNS, COLUMNS)
+        imsave(Path(folder) / PATTERN, pattern, check_contrast=False)
+        try:
+            outcome = run(described, Path(folder) / "run", 1)
+        except (InputError, RunError) as error:
+            return [] if str(error).strip() else ["a failure without a message"]
+        return [f"{one.quantity}: {one.measured:g}" for one in sound(outcome) if not one.ok]
+
+
+class Watchdog:
+    """Runs scenes in a process of its own, which is ended when one takes too long."""
+
+    def __init__(self) -> None:
+        self._pool: ProcessPoolExecutor | None = None
+
+    def __call__(self, described: dict[str, Any]) -> list[str]:
+        if self._pool is None:
+            self._pool = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
+        try:
+            return self._pool.submit(told, described).result(timeout=SECONDS)
+        except TookTooLong:
+            self.end()
+            return [f"not done in {SECONDS} s"]
+
+    def end(self) -> None:
+        if self._pool is not None:
+            for process in self._pool._processes.values():
+                process.kill()
+            self._pool.shutdown()
+            self._pool = None
+
+
+@pytest.fixture(scope="module")
+def watchdog() -> Iterator[Watchdog]:
+    dog = Watchdog()
+    yield dog
+    dog.end()
+
+
+@pytest.mark.slow
+@settings(max_examples=12, derandomize=True, **SEARCH)
+@given(described=scenes())
+def test_any_scene_gives_a_picture_or_a_message(watchdog, described):
+    assert watchdog(described) == [], json.dumps(described)
+
+
+@pytest.mark.slow
+@settings(max_examples=EXAMPLES, **SEARCH)
+@given(described=scenes())
+def test_search_for_a_scene_that_breaks(watchdog, described):
+    assert watchdog(described) == [], json.dumps(described)
+
+
+@settings(max_examples=200, derandomize=True, **SEARCH)
+@given(described=scenes())
+def test_drawn_scenes_are_mostly_valid(described):
+    try:
+        make_scene({**described, "lesions": []})
+    except InputError as error:
+        assert "beam reaches beyond" in str(error) or "camera" in str(error), str(error)
