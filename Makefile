@@ -3,18 +3,33 @@
 # make smoke       two small pictures in seconds, checked
 # make figures     the paper's figures 10, 12, 13, 14 by the beam estimate; PHOTONS=3.24e8 is the paper's size
 # make table1      the paper's table 1: seconds of each stage, point against beam
+# make error-time  error against run time on two scenes of 64 x 64 pixels, at most about half an hour: a page in out/error_time
+# make measured-skin  the presets beside measured skin: table and plot in out/measured_skin
+# make lesion-table   color of lesions by depth and amount, and how deep light goes: out/lesion_table
+# make fit-tones   the fit behind skin.tone
+# make faults      kills at random moments of real runs: tries, kills survived, bytes lost; TRIES=200 each with 1 and 2 workers
+# make fuzz        scenes, npz files and images made up at random, FUZZ_SECONDS=60 each
 # make test-all    the slow tests too
+# make stability   the stiff and extreme cases: what could break, what was measured, its bound
+# make search      draws valid scenes at random until one breaks (SEARCH_EXAMPLES=300)
 # make check       the photon walk against the tables of layered slabs, quantity by quantity
-# make bench       speed of the photon walk beside the floor of this machine
+# make cross-check pictures against Mitsuba, absorption against MCX (installs the extra interop; MCX wants an OpenCL device)
+# make bench       speed of the photon walk beside the floor of this machine; seconds that `plan` predicts against measured
+# make bench-leave-out  time and memory of each feature: pairs of scenes with and without it
 PYTHON ?= python3
 PHOTONS ?= 5e7
+TRIES ?= 200
+FUZZ_SECONDS ?= 60
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 FIGURES := fig10_forearm fig12_epidermal fig13_papillary fig14_deep
 METHODS := point beam
+ERROR_TIME_SCENES := configs/slab_blue.yaml configs/fig12_epidermal.yaml
+SECONDS ?= 1500
 
-.PHONY: setup test test-all check smoke figures table1 bench clean $(FIGURES)
+.PHONY: setup test test-all check stability search smoke figures table1 error-time measured-skin lesion-table fit-tones \
+  faults fuzz cross-check bench bench-leave-out clean $(FIGURES)
 
 setup: $(INSTALLED)
 
@@ -34,6 +49,12 @@ check: $(INSTALLED)
 	  $(BIN)/skinrender check --slabs tests/truth/$$table.json -o out/check/$$table || exit; \
 	done
 
+stability: $(INSTALLED)
+	$(BIN)/skinrender check -o out/stability
+
+search: $(INSTALLED)
+	$(BIN)/pytest -q -m slow tests/system/test_any_scene.py
+
 smoke: $(INSTALLED)
 	for method in $(METHODS); do \
 	  mkdir -p out/smoke/smoke_$$method; \
@@ -52,10 +73,38 @@ table1: $(INSTALLED)
 	  $(BIN)/skinrender render configs/fig10_forearm.yaml --method $$method --photons $(PHOTONS) \
 	    --gather-count 32400 --set photons.roulette=false -o out/table1/$$method || exit; \
 	done
-	$(BIN)/python -m skinrender.analysis.table1 out/table1/point out/table1/beam
+	$(BIN)/python -m skinrender.analysis.table1 out/table1/point out/table1/beam > out/table1/table1.md
+	cat out/table1/table1.md
+
+error-time: $(INSTALLED)
+	$(BIN)/skinrender report $(ERROR_TIME_SCENES) --set 'camera.pixels=[64,64]' \
+	  --photons 1e4 --photons 1e5 --photons 1e6 --photons 1e7 --target-seconds $(SECONDS) -o out/error_time
+
+measured-skin: $(INSTALLED)
+	$(BIN)/python -m skinrender.analysis.measured_table --set relief.kind=flat -o out/measured_skin
+
+lesion-table: $(INSTALLED)
+	$(BIN)/python -m skinrender.analysis.lesion_table
+
+fit-tones: $(INSTALLED)
+	$(BIN)/python -m benchmarks.fit_tones
+
+cross-check: $(INSTALLED)
+	$(BIN)/pip install --quiet --editable '.[interop]'
+	$(BIN)/python -m benchmarks.cross_check
+
+faults: $(INSTALLED)
+	for workers in 1 2; do $(BIN)/python -m tests.system.kills --workers $$workers --tries $(TRIES) || exit; done
+
+fuzz: $(INSTALLED)
+	$(BIN)/python -W ignore -m tests.system.fuzz --seconds $(FUZZ_SECONDS)
 
 bench: $(INSTALLED)
 	$(BIN)/python -m benchmarks.walk
+	$(BIN)/python -m benchmarks.plan
+
+bench-leave-out: $(INSTALLED)
+	$(BIN)/python -m benchmarks.leave_out
 
 clean:
 	rm -rf out $(VENV)
