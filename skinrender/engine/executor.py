@@ -75,10 +75,10 @@ class _Handout:
         self._work = work
         self._indices = indices
         self._ahead = workers + 1
-        self._enough = None
+        self._tell_enough = None
         if open_executor is None:
-            self._enough = multiprocessing.get_context("spawn").Event()
-            open_executor = _pool_opener(workers, self._enough)
+            enough, self._tell_enough = multiprocessing.get_context("spawn").Pipe(duplex=False)
+            open_executor = _pool_opener(workers, enough)
         self._open_executor = open_executor
         self._executor = open_executor()
         self._pending: deque[tuple[int, Future]] = deque()
@@ -112,8 +112,8 @@ class _Handout:
 
     def dismiss(self) -> None:
         """Drop what has not begun, wait for what has."""
-        if self._enough is not None:
-            self._enough.set()
+        if self._tell_enough is not None:
+            self._tell_enough.send_bytes(b"enough")
         self._close()
 
     def _close(self) -> None:
@@ -169,7 +169,11 @@ def _interrupts_held() -> Iterator[None]:
 
 
 def _begin_worker(enough) -> None:
-    """One thread for every library, deaf to Ctrl-C, and gone when the parent is gone."""
+    """One thread for every library, deaf to Ctrl-C, and gone when the parent is gone.
+
+    `enough` is a pipe in which a message appears, and stays, when the run is over: it has no lock that a killed worker
+    could take with it.
+    """
     global _enough
     _enough = enough
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
@@ -184,6 +188,6 @@ def _leave_with_parent() -> None:
 
 def _call(work: Work, index: int) -> Result | None:
     """Run in the worker; rounds still queued when the run is over are passed by."""
-    if _enough is not None and _enough.is_set():
+    if _enough is not None and _enough.poll():
         return None
     return work(index)

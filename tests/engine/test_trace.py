@@ -165,6 +165,18 @@ def test_workers_that_keep_dying_end_the_run(tmp_path):
         run(tmp_path, workers=2, recipe=FakeRecipe(accident=("always dies", tmp_path)))
 
 
+@pytest.mark.parametrize("workers", [1, 2])
+def test_out_of_memory_is_told_and_what_is_finished_kept(tmp_path, whole, workers, monkeypatch):
+    rounds_dir = walked_on(tmp_path, 3)
+    kept = set(rounds_dir.glob("round-*"))
+    monkeypatch.setattr(work, "_built", None)
+    with pytest.raises(RunError, match="out of memory.*\n.*--resume and fewer --workers"):
+        run(tmp_path, workers=workers, resume=True, recipe=FakeRecipe(accident=("out of memory", tmp_path)))
+    assert kept <= set(rounds_dir.glob("round-*"))
+    run(tmp_path, workers=workers, resume=True)
+    assert bytes_of(tmp_path) == bytes_of(whole)
+
+
 PROGRAM = f"""
 import sys
 sys.path[:0] = {[str(Path(__file__).parent), *sys.path]!r}

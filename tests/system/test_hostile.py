@@ -18,7 +18,7 @@ import pytest
 from command_line import call
 from numpy.lib import format as npy
 
-from tests.system.kills import COMMAND, digest, set_stage, start, wait_for, workers_of
+from tests.system.kills import COMMAND, digest, set_stage
 
 SKIN = """\
 patch: {size_mm: [4, 4], columns: [8, 8]}
@@ -239,17 +239,3 @@ def test_a_limit_on_file_size_keeps_the_older_file(stage, tmp_path):
 
 def limit_files() -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (4000, 4000))
-
-
-def test_a_worker_out_of_memory_ends_the_run_and_keeps_its_rounds(stage, tmp_path):
-    out = tmp_path / "out"
-    stage.begin(out)
-    process = start("trace", stage, out, "-q", "--workers", "2")
-    assert wait_for(lambda: len(list((out / "rounds").glob("round-*"))) >= 2, process)
-    for worker in workers_of(process.pid):
-        resource.prlimit(worker, resource.RLIMIT_AS, (1 << 20, 1 << 20))
-    stderr = process.communicate(timeout=120)[1]
-    assert process.returncode in (0, 1), stderr  # 0: it was done before it needed more
-    if process.returncode:
-        said_in_words(stderr, "--resume", "fewer --workers")
-        assert len(list((out / "rounds").glob("round-*"))) >= 2
