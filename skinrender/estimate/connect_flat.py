@@ -9,7 +9,7 @@ import numpy as np
 
 from skinrender.estimate.deposit import image_range, unpack_direction, voxel_of
 from skinrender.estimate.film_plane import pixel_of_point, pixels_per_area
-from skinrender.transport import kernel
+from skinrender.transport import allocating_kernel, kernel
 from skinrender.transport.fresnel import fresnel
 from skinrender.transport.optical_depth import add_optical_depth
 from skinrender.transport.phase import phase_hg
@@ -150,7 +150,7 @@ def add_depth_along(tissue, lx, ly, x, y, z, region, ex, ey, p, borders, index, 
         x, y = x + ex * sine * length, y + ey * sine * length
 
 
-@kernel
+@allocating_kernel
 def deposit_flat(
     position, direction, first, last, keep, lx, ly, periodic, tissue, film, box, drift, borders, index, least, image
 ):

@@ -10,7 +10,7 @@ from skinrender.estimate.connect_flat import photon_weight, survives
 from skinrender.estimate.deposit import image_range, unpack_direction, voxel_of
 from skinrender.estimate.film_plane import pixel_of_point, pixels_per_area
 from skinrender.estimate.ray_mesh import entering_ray, find_rays, reach_in_plane
-from skinrender.transport import kernel
+from skinrender.transport import allocating_kernel, kernel
 from skinrender.transport.fresnel import fresnel, refract
 from skinrender.transport.height_field import first_hit
 from skinrender.transport.optical_depth import add_optical_depth
@@ -36,7 +36,7 @@ def is_free(heights, cells, lx, ly, highest, entry, inside, point, length, sag):
     return first_hit(heights, cells, lx, ly, a, b, h, -ux, -uy, -uz, (h - highest) / uz, -1.0) < 0.0
 
 
-@kernel
+@allocating_kernel
 def deposit_relief(
     position, direction, first, last, keep, lx, ly, periodic, tissue, film, mesh, heights, cells, eta, least, image
 ):

@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from skinrender.estimate.lattice import SEVERAL_RAYS, bin_of
-from skinrender.transport import kernel
+from skinrender.transport import allocating_kernel, kernel
 from skinrender.transport.height_field import height
 from skinrender.transport.phase import phase_hg
 
@@ -67,7 +67,7 @@ MOST_RISE = 40.0
 BLOCK = 256
 
 
-@kernel
+@allocating_kernel
 def ray_weights(tau, outside_power, region, descent, bin_area, pixel_of, pixels):
     """What a photon's connection to a ray is worth, in two factors.
 
@@ -163,7 +163,7 @@ def find_cells(
     return i, n
 
 
-@kernel
+@allocating_kernel
 def deposit(
     position, direction, first, last, keep, z_top, lx, ly, periodic, relief, edges, region, to_lattice, bounds, only_ray,
     start, rays, ray_direction, worth, pixel_of, h, w, palette_index, z_edges, g, image,

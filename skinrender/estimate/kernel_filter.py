@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from skinrender.transport import block_kernel, kernel
+from skinrender.transport import allocating_kernel, block_kernel
 
 _REACH = 3.0  # standard deviations; 0.3 % of the weight lies beyond and is given to the rest
 
@@ -33,7 +33,7 @@ def _add_scaled(target, source, weight):
         target[j] += weight * source[j]
 
 
-@kernel
+@allocating_kernel
 def _add_correlation(image, weights, chosen, first, last, wrap, out):
     """Adds `chosen` times the image correlated with `weights` on both axes; beyond its edge lies 0, or it again.
 

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from skinrender.estimate.ray_paths import RayPaths
-from skinrender.transport import kernel
+from skinrender.transport import allocating_kernel, kernel
 
 NO_RAY, SEVERAL_RAYS = -1, -2
 
@@ -124,7 +124,7 @@ def bin_of(to_lattice, slab, x, y, h, w):
     return row * w + column
 
 
-@kernel
+@allocating_kernel
 def _sort_rays(point, hit, to_lattice, h, w):
     """Rays by bin: start (S, h w + 1) and rays (S, Q) (counting sort)."""
     slabs, count = point.shape[0], point.shape[1]

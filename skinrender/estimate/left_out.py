@@ -16,7 +16,7 @@ from skinrender.estimate.ray_paths import follow_rays
 from skinrender.estimate.view_path import make_view_path, relief_arrays
 from skinrender.skin.regions import regions_of
 from skinrender.skin.volume import SkinVolume
-from skinrender.transport import kernel
+from skinrender.transport import allocating_kernel
 from skinrender.transport.fresnel import fresnel, reflect
 from skinrender.transport.height_field import first_hit
 from skinrender.transport.optical_depth import add_optical_depth
@@ -46,7 +46,7 @@ def share_left_out(origin: np.ndarray, direction: np.ndarray, volume: SkinVolume
     return share
 
 
-@kernel
+@allocating_kernel
 def _ahead(entry, direction, hit, borders, index, relief, palette, z_edges, lx, ly, periodic, mu_t):
     """Transmittance to where each ray is given up times what is reflected there, (Q, B)."""
     bands = mu_t.shape[1]
@@ -78,7 +78,7 @@ def _ahead(entry, direction, hit, borders, index, relief, palette, z_edges, lx, 
     return share
 
 
-@kernel
+@allocating_kernel
 def _meets_again(entry, view_direction, normal, hit, heights, cells, lx, ly):
     """Whether the surface reflects each ray onto itself, (Q,) bool."""
     highest = cells[:, :, 0].min() - _ABOVE_MM

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skinrender.estimate.film_plane import FilmPlane, view_direction
-from skinrender.transport import kernel
+from skinrender.transport import allocating_kernel, kernel
 from skinrender.transport.fresnel import refract
 from skinrender.transport.height_field import height_and_gradient
 
@@ -97,7 +97,7 @@ def entering_ray(film, heights, lx, ly, a, b):
     return h, ux, uy, uz, nx, ny, nz, ux * nx + uy * ny + uz * nz, distance
 
 
-@kernel
+@allocating_kernel
 def refracted_nodes(film, heights, lx, ly, eta, x, y):
     """Height and slopes of the refracted ray at each node, (na + 1, nb + 1, 3).
 

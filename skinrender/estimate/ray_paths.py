@@ -12,7 +12,7 @@ import numpy as np
 from skinrender.estimate.view_path import LEVEL, geometry_band, make_view_path, relief_arrays
 from skinrender.skin.regions import regions_of
 from skinrender.skin.volume import SkinVolume
-from skinrender.transport import kernel
+from skinrender.transport import allocating_kernel, kernel
 from skinrender.transport.fresnel import fresnel, refract
 from skinrender.transport.height_field import height_and_gradient
 
@@ -127,7 +127,7 @@ def _through_regions(path, index: np.ndarray, band: int) -> tuple[np.ndarray, np
     return np.array(directions), np.array(factors)
 
 
-@kernel
+@allocating_kernel
 def refract_flat(direction, hit, eta, band):
     """Directions (Q, 3) below a level border and the factors (1 - F) eta^2 (Q, B); eta = n_above / n_below."""
     below, factor = np.zeros_like(direction), np.zeros((direction.shape[0], eta.size))
@@ -143,7 +143,7 @@ def refract_flat(direction, hit, eta, band):
     return below, factor
 
 
-@kernel
+@allocating_kernel
 def _depths(entry, direction, hit, edges, region, relief, lx, ly):
     """Path lengths to the edges (S + 1, Q), points in mid-slab (S, Q, 2) and dD/ds there (S, Q)."""
     slabs, count = edges.size - 1, entry.shape[0]

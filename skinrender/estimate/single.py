@@ -20,7 +20,7 @@ from skinrender.estimate.view_path import LEVEL, ViewPath, geometry_band
 from skinrender.photonmap.first_scattering import has_single_term, is_laterally_uniform
 from skinrender.photonmap.light import CollimatedLight, Light, SkyLight
 from skinrender.skin.regions import regions_of
-from skinrender.transport import kernel
+from skinrender.transport import allocating_kernel, kernel
 from skinrender.transport.fresnel import fresnel
 from skinrender.transport.optical_depth import add_optical_depth, first_cell, lateral_exit, plane_exit
 from skinrender.transport.phase import phase_hg
@@ -85,7 +85,7 @@ def _steps_across_columns(volume: Any, mu_t: np.ndarray) -> np.ndarray:
     return np.clip(0.5 / np.maximum(mu_t.max(axis=1), 1e-12), 0.1 * width, 0.5 * width)
 
 
-@kernel
+@allocating_kernel
 def _scatter_once(
     hit, entry, direction, lamp, eta, band, palette, z_edges, lx, ly, z_end, periodic, mu_t, mu_s, g, longest_step,
 ):  # fmt: skip
@@ -153,7 +153,7 @@ def _may_light(lamp, tile_x, tile_y, lx, ly, eta, x, y, dx, dy, dz, length):
     return not (below_x or below_y or above_x or above_y)
 
 
-@kernel
+@allocating_kernel
 def _march(
     row, work, lamp, tile_x, tile_y, eta, band, palette, z_edges, lx, ly, periodic,
     mu_t, mu_s, g, longest_step, first_step, x, y, dx, dy, dz, length,

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from skinrender.transport import kernel
+from skinrender.transport import allocating_kernel, kernel
 from skinrender.transport.fresnel import fresnel
 from skinrender.transport.phase import phase_hg
 
@@ -46,7 +46,7 @@ def sky_single_scattering(cos_view, column, z_edges_mm, z_end_mm, mu_t, mu_s, g,
     return np.maximum(result, 0.0)
 
 
-@kernel
+@allocating_kernel
 def _at_cosines(cos_view, column, thickness, mu_t, mu_s, g, eta, nodes, weights):
     """The integral over refracted directions and depth at each cosine of the view, (V, B)."""
     result = np.zeros((cos_view.size, eta.size))

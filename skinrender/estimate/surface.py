@@ -17,7 +17,7 @@ import numpy as np
 from skinrender.estimate.view_path import ViewPath, relief_arrays
 from skinrender.photonmap.light import CollimatedLight, Light, PointLight, SkyLight
 from skinrender.skin.regions import regions_of
-from skinrender.transport import kernel
+from skinrender.transport import allocating_kernel, kernel
 from skinrender.transport.frame import frame
 from skinrender.transport.fresnel import fresnel
 from skinrender.transport.height_field import first_hit
@@ -151,7 +151,7 @@ def microfacet(cos_v, cos_l, cos_h, alpha):
     return facets * seen / (4.0 * cos_v)
 
 
-@kernel
+@allocating_kernel
 def _reflect_lamp(hit, point, normal, view, to_light, distance, eta, alpha, relief, lx, ly):
     """Reflected radiance per unit irradiance across the lamp's light, (Q, B)."""
     result = np.zeros((hit.size, eta.size))
@@ -171,7 +171,7 @@ def _reflect_lamp(hit, point, normal, view, to_light, distance, eta, alpha, reli
     return result
 
 
-@kernel
+@allocating_kernel
 def _reflect_sky(hit, point, normal, view, eta, alpha, samples, relief, lx, ly):
     """Reflected radiance per unit radiance of the sky, (Q, B): quadrature over the visible facets."""
     result = np.zeros((hit.size, eta.size))

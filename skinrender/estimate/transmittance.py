@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from skinrender.estimate.ray_paths import RayPaths
-from skinrender.transport import kernel
+from skinrender.transport import allocating_kernel
 from skinrender.transport.optical_depth import add_optical_depth
 
 
-@kernel
+@allocating_kernel
 def view_optical_depth(
     palette_index, z_edges, lx, ly, mu_t, entry, direction, region, path_edges, hit, deepest, first, last, depth
 ):

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from skinrender.skin.regions import regions_of
-from skinrender.transport import kernel
+from skinrender.transport import allocating_kernel
 from skinrender.transport.fresnel import fresnel, refract
 from skinrender.transport.height_field import cell_bounds, first_hit, height_and_gradient, slab_interval
 
@@ -100,7 +100,7 @@ def _meet_plane(origin, direction):
     return entry, np.tile([0.0, 0.0, -1.0], (len(origin), 1)), hit
 
 
-@kernel
+@allocating_kernel
 def meet_relief(origin, direction, heights, cells, lx, ly):
     """Entry points (Q, 3), outward normals (Q, 3) and hits (Q,) of rays from above on a relief."""
     count = origin.shape[0]
@@ -124,7 +124,7 @@ def meet_relief(origin, direction, heights, cells, lx, ly):
     return entry, normal, hit
 
 
-@kernel
+@allocating_kernel
 def _refract_rays(direction, normal, hit, eta, band):
     """Refracted directions (Q, 3), their cosines (Q,) and the factors (1 - F) eta^2 (Q, B); eta = n_outside / n."""
     count, bands = direction.shape[0], eta.size
