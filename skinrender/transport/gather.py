@@ -12,11 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skinrender.transport import kernel
-from skinrender.transport.lanes import ABSORB_ABOVE, BORDER, IX, IY, IZ, SCATTER_BELOW, TISSUE, G, Z
-
-BRICK_BITS = 4
-BRICK = 1 << BRICK_BITS
-NEVER_SCATTER, NEVER_ABSORB = np.int32(-(2**31)), np.int32(2**31 - 1)
+from skinrender.transport.lanes import ABSORB_ABOVE, BRICK_XY, IN_BRICK, IZ, SCATTER_BELOW, TISSUE, G, Z
 
 
 class Grid(NamedTuple):
@@ -41,26 +37,21 @@ ROW_SCATTER, ROW_ABSORB, ROW_G, ROW_LAYER = 0, 1, 2, 3
 
 @kernel
 def gather(f, w, n, grid, plane_row, rows, rows_as_float):
-    """Sets the thresholds, anisotropy and tissue layer of n lanes; a lane that ended on a border can't collide.
+    """Sets the thresholds, anisotropy and tissue layer of n lanes.
 
     rows (slabs * P, 4) int32 of the band and the same memory as float32; plane_row (planes,): first row of the plane's
     majorant slab. Indices are unsigned: numba's test for negative ones costs as much as the look-up.
     """
     edge, coarse_plane, brick_of, palette = grid.plane_edge, grid.coarse_plane, grid.brick, grid.palette
-    across, per_plane = np.uint64(grid.bricks_y), np.uint64(grid.bricks_x * grid.bricks_y)
-    one, mask, bits = np.uint64(1), np.uint64(BRICK - 1), np.uint64(BRICK_BITS)
+    per_plane, one = np.uint64(grid.bricks_x * grid.bricks_y), np.uint64(1)
     for i in range(n):
-        if w[BORDER + i] != 0:
-            w[SCATTER_BELOW + i] = NEVER_SCATTER
-            w[ABSORB_ABOVE + i] = NEVER_ABSORB
-            continue
         plane = np.uint64(coarse_plane[np.uint64(w[IZ + i])])
         z = f[Z + i]
+        plane += np.uint64(z >= edge[plane + one])  # mostly 0 or 1, and a branch would be guessed wrong at every border
         while z >= edge[plane + one]:
             plane += one
-        ix, iy = np.uint64(w[IX + i]), np.uint64(w[IY + i])
-        brick = np.uint64(brick_of[plane * per_plane + (ix >> bits) * across + (iy >> bits)])
-        entry = palette[(brick >> one) + (brick & one) * (((ix & mask) << bits) + (iy & mask))]
+        brick = np.uint64(brick_of[plane * per_plane + np.uint64(w[BRICK_XY + i])])
+        entry = palette[(brick >> one) + (brick & one) * np.uint64(w[IN_BRICK + i])]
         row = np.uint64(plane_row[plane]) + np.uint64(entry)
         w[SCATTER_BELOW + i] = rows[row, ROW_SCATTER]
         w[ABSORB_ABOVE + i] = rows[row, ROW_ABSORB]

@@ -23,7 +23,8 @@ FLOAT_ROWS = 12
 
 # int32 rows; the first four are the generator's state words
 WORDS = 0
-IX, IY, IZ = 4 * LANES, 5 * LANES, 6 * LANES  # voxel column and coarse depth cell
+BRICK_XY, IN_BRICK = 4 * LANES, 5 * LANES  # brick of the voxel's column, and the column in it (see `gather`)
+IZ = 6 * LANES  # coarse depth cell
 BORDER = 7 * LANES  # 1: the flight may have met a border; after `cross`, 1: it ended on one
 SCATTER_BELOW, ABSORB_ABOVE = 8 * LANES, 9 * LANES  # thresholds of the collision's word
 EVENT = 10 * LANES  # what happened at the collision

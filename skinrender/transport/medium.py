@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from skinrender.transport.borders import Borders
-from skinrender.transport.gather import BRICK, Grid
+from skinrender.transport.bricks import BRICK
+from skinrender.transport.gather import Grid
 from skinrender.transport.height_field import bend_bound, cell_bounds
 from skinrender.transport.move import SLABS
 from skinrender.transport.relief import RELIEF_LEVELS, Relief

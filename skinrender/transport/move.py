@@ -12,10 +12,11 @@ import numpy as np
 
 from skinrender.transport import block_kernel
 from skinrender.transport.blockmath import log_unit
+from skinrender.transport.bricks import BRICK, BRICK_BITS
 from skinrender.transport.lanes import (
     BORDER,
-    IX,
-    IY,
+    BRICK_XY,
+    IN_BRICK,
     IZ,
     LANES,
     PATH,
@@ -95,11 +96,14 @@ def mark_sides(f, w, n, lx, ly):
 
 
 @block_kernel
-def locate(f, w, n, cells_per_mm, last_cell):
-    """Voxel column and coarse depth cell of n lanes, kept inside the volume."""
+def locate(f, w, n, cells_per_mm, last_cell, bricks_y):
+    """Voxel column, as brick and place in it, and coarse depth cell of n lanes, kept inside the volume."""
     cx, cy, cz = cells_per_mm[0], cells_per_mm[1], cells_per_mm[2]
     mx, my, mz = last_cell[0], last_cell[1], last_cell[2]
+    zero, bits, inside, across = np.int32(0), np.int32(BRICK_BITS), np.int32(BRICK - 1), np.int32(bricks_y)
     for i in range(n):
-        w[IX + i] = min(max(np.int32(f[X + i] * cx), np.int32(0)), mx)
-        w[IY + i] = min(max(np.int32(f[Y + i] * cy), np.int32(0)), my)
-        w[IZ + i] = min(max(np.int32(f[Z + i] * cz), np.int32(0)), mz)
+        ix = min(max(np.int32(f[X + i] * cx), zero), mx)
+        iy = min(max(np.int32(f[Y + i] * cy), zero), my)
+        w[BRICK_XY + i] = np.int32(np.int32(np.int32(ix >> bits) * across) + np.int32(iy >> bits))
+        w[IN_BRICK + i] = np.int32(np.int32(np.int32(ix & inside) << bits) | np.int32(iy & inside))
+        w[IZ + i] = min(max(np.int32(f[Z + i] * cz), zero), mz)

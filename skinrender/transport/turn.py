@@ -19,6 +19,7 @@ from skinrender.transport.lanes import (
     ABSORB_ABOVE,
     ABSORBED,
     ARRIVED,
+    BORDER,
     EVENT,
     LANES,
     NULL,
@@ -80,7 +81,10 @@ def pack_direction(ux, uy, uz):
 
 @block_kernel
 def collide(f, w, n):
-    """Decides the event of n lanes; those that scatter get a new direction, the old one packed in ARRIVED."""
+    """Decides the event of n lanes; those that scatter get a new direction, the old one packed in ARRIVED.
+
+    A flight that ended on a border has no collision.
+    """
     for i in range(n):
         r, w0, w1, w2, w3 = next_word(
             w[WORDS + i], w[WORDS + LANES + i], w[WORDS + 2 * LANES + i], w[WORDS + 3 * LANES + i]
@@ -96,8 +100,9 @@ def collide(f, w, n):
         cos_azimuth, sin_azimuth = cos_sin_turn(np.float32(r_azimuth) * np.float32(2.0**-32))
         vx, vy, vz = deflect(ux, uy, uz, one_minus_cos, sin, cos_azimuth, sin_azimuth)
         w[ARRIVED + i] = pack_direction(ux, uy, uz)
-        scattered = r < w[SCATTER_BELOW + i]
-        absorbed = r > w[ABSORB_ABOVE + i]
+        collides = w[BORDER + i] == np.int32(0)
+        scattered = (r < w[SCATTER_BELOW + i]) & collides
+        absorbed = (r > w[ABSORB_ABOVE + i]) & collides
         f[UX + i] = vx if scattered else ux
         f[UY + i] = vy if scattered else uy
         f[UZ + i] = vz if scattered else uz

@@ -239,7 +239,7 @@ def walk(f, w, source, light, medium, relief, keep, position, direction, tally, 
         else:
             mark_sides(f, w, whole, medium.period[0], medium.period[1])
         meet_borders(f, w, n, medium, relief, tally, exits)
-        locate(f, w, whole, medium.cells_per_mm, medium.last_cell)
+        locate(f, w, whole, medium.cells_per_mm, medium.last_cell, medium.grid.bricks_y)
         gather(f, w, n, medium.grid, medium.plane_row, medium.rows, medium.rows_as_float)
         collide(f, w, whole)
         stored, holes = settle(
