@@ -26,7 +26,7 @@ from skinrender.transport.medium import (
     make_relief,
     stiffness,
 )
-from skinrender.transport.relief import CELL_MAX, CELL_MIN, RELIEF_COLUMNS
+from skinrender.transport.relief import SAMPLE_BYTES
 from skinrender.transport.rng import stream_key
 from skinrender.transport.walk import walk
 
@@ -69,7 +69,7 @@ def round_memory_bytes(stored: float) -> float:
 def pass_bytes(volume: SkinVolume) -> int:
     """Most memory that a `PhotonPass` takes beside its volume: the voxels without air and as bricks, the borders' cells."""
     fields = [field for field in regions_of(volume).heights_mm if field is not None]
-    return 3 * volume.palette_index.nbytes + sum(field.size for field in fields) * 8 * (1 + RELIEF_COLUMNS)
+    return 3 * volume.palette_index.nbytes + 2 * SAMPLE_BYTES * sum(field.size for field in fields)
 
 
 class PhotonPass:
@@ -128,10 +128,10 @@ class PhotonPass:
         rough = np.where(is_rough, np.cumsum(is_rough) - 1, -1)
         safe_top, safe_bottom = z.copy(), np.append(z[1:], z[-1])
         for k in np.flatnonzero(is_rough):
-            cells = self._relief.cells[rough[k]]
-            safe_top[k] = cells[..., CELL_MAX].max()
+            cells = self._relief.bounds[rough[k]]
+            safe_top[k] = cells[..., 1].max()
             if k > 0:
-                safe_bottom[k - 1] = cells[..., CELL_MIN].min()
+                safe_bottom[k - 1] = cells[..., 0].min()
         table = np.column_stack([z, rough, regions.index[1:, band], safe_top, safe_bottom])
         lx, ly = map(float, self.volume.size_mm)
         return Borders(table, float(regions.index[0, band]), lx, ly, SIDES[self.volume.sides])

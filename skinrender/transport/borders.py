@@ -32,7 +32,7 @@ from skinrender.transport.lanes import (
     Y,
     Z,
 )
-from skinrender.transport.relief import OFFSET_MM, rough_normal, stays_below
+from skinrender.transport.relief import OFFSET_MM, ROUGH, rough_normal
 from skinrender.transport.rng import draw
 
 PERIODIC, OPEN, DIELECTRIC = 0, 1, 2
@@ -42,7 +42,7 @@ _MAX_AIR_BOUNCES = 10_000
 
 # Columns of `Borders.table`: z of the border, its row in the height fields or -1, and of the region below it the refractive
 # index and the depths between which none of its borders reaches. The row after the last border holds the index below all.
-BORDER_Z, ROUGH, INDEX, SAFE_TOP, SAFE_BOTTOM = 0, 1, 2, 3, 4
+BORDER_Z, INDEX, SAFE_TOP, SAFE_BOTTOM = 0, 2, 3, 4
 
 
 class Borders(NamedTuple):
@@ -96,7 +96,7 @@ def border_distance(borders, relief, k, side, x, y, z, dx, dy, dz, path):
         row = int(borders.table[k, ROUGH])
         if row >= 0:
             return first_hit(
-                relief.heights[row], relief.cells[row], borders.lx, borders.ly, x, y, z, dx, dy, dz, path, np.float64(side)
+                relief.heights[row], relief.bounds[row], borders.lx, borders.ly, x, y, z, dx, dy, dz, path, np.float64(side)
             )
     end = z + dz * path
     if side > 0:
@@ -149,7 +149,7 @@ def enter_surface(words, lane, borders, relief, x, y, z, ux, uy, uz, started):
                     reach = min(reach, z / -uz + 1e-3)
                 if reach <= 0.0:
                     return False, bounces, x, y, z, ux, uy, uz
-                s = first_hit(relief.heights[0], relief.cells[0], lx, ly, x, y, z, ux, uy, uz, reach, -1.0)
+                s = first_hit(relief.heights[0], relief.bounds[0], lx, ly, x, y, z, ux, uy, uz, reach, -1.0)
                 if s < 0.0:
                     return False, bounces, x, y, z, ux, uy, uz
                 x, y, z = x + ux * s, y + uy * s, z + uz * s
@@ -199,20 +199,16 @@ def cross(f, w, i, borders, majorant, relief):
     Returns INSIDE, LEFT_TOP, LEFT_BOTTOM or LEFT_SIDE. A lane that met none keeps its flight (BORDER = 0).
     """
     region = w[REGION + i]
-    if relief is not None:
-        row = int(borders.table[region, ROUGH])
-        if row >= 0 and max(f[Z_START + i], f[Z + i]) <= f[Z_SAFE_BOTTOM + i] and borders.sides == PERIODIC:
-            if stays_below(f, i, relief, row, borders.lx, borders.ly):
-                w[BORDER + i] = 0
-                return INSIDE
     path = np.float64(f[PATH + i])
     z = np.float64(f[Z_START + i])
     ux, uy, uz = np.float64(f[UX + i]), np.float64(f[UY + i]), np.float64(f[UZ + i])
     x, y = np.float64(f[X + i]) - ux * path, np.float64(f[Y + i]) - uy * path
     dz = (np.float64(f[Z + i]) - z) / path if path > 0.0 else uz
 
-    hit, k, side = border_distance(borders, relief, region, 1, x, y, z, ux, uy, dz, path), region, 1
-    if hit < 0.0 or relief is not None:
+    hit, k, side = -1.0, region, 1
+    if min(f[Z_START + i], f[Z + i]) < f[Z_SAFE_TOP + i]:
+        hit = border_distance(borders, relief, region, 1, x, y, z, ux, uy, dz, path)
+    if max(f[Z_START + i], f[Z + i]) > f[Z_SAFE_BOTTOM + i]:
         lower = border_distance(borders, relief, region + 1, -1, x, y, z, ux, uy, dz, path)
         if lower >= 0.0 and (hit < 0.0 or lower < hit):
             hit, k, side = lower, region + 1, -1

@@ -45,55 +45,67 @@ def cell_bounds(heights: np.ndarray) -> np.ndarray:
     return np.stack([cell_min, cell_max], axis=-1)
 
 
-def bend_bound(heights: np.ndarray, lx: float, ly: float) -> np.ndarray:
-    """Bound of the surface's second derivative in any direction over each cell, (hx, hy), 1/mm.
+def bulge_bound(heights: np.ndarray, lx: float, ly: float) -> np.ndarray:
+    """Largest second derivative, in any direction, with which the surface may bend down over each cell, (hx, hy), 1/mm.
 
-    From the second differences of the 3 x 3 control points (they are the spline's own second derivatives).
+    From the second differences of the 3 x 3 control points (they are the spline's own second derivatives); 0 where it
+    bends up alone.
     """
     dx, dy = lx / heights.shape[0], ly / heights.shape[1]
     hxx = (np.roll(heights, -1, 0) - 2.0 * heights + np.roll(heights, 1, 0)) / dx**2
     hyy = (np.roll(heights, -1, 1) - 2.0 * heights + np.roll(heights, 1, 1)) / dy**2
     diagonal = np.roll(heights, (-1, -1), (0, 1)) - np.roll(heights, -1, 0) - np.roll(heights, -1, 1) + heights
     hxy = [np.roll(diagonal, shift, (0, 1)) / (dx * dy) for shift in ((0, 0), (1, 0), (0, 1), (1, 1))]
-    straight = np.maximum(np.abs(hxx), np.abs(hyy))
+    straight = np.maximum(-hxx, -hyy)
     straight = np.maximum.reduce([np.roll(straight, shift, (0, 1)) for shift in _NEIGHBORS])
-    return (straight + np.maximum.reduce(np.abs(hxy))).astype(heights.dtype)
+    return np.maximum(straight + np.maximum.reduce(np.abs(hxy)), 0.0).astype(heights.dtype)
 
 
 @kernel
 def height(heights, lx, ly, x, y):
     """Height h(x, y) of the surface, mm."""
-    return height_and_gradient(heights, lx, ly, x, y)[0]
+    hx, hy = heights.shape
+    i0, i1, i2, a = _stencil(x * (hx / lx), hx)
+    j0, j1, j2, b = _stencil(y * (hy / ly), hy)
+    u, v, w = _blossom(b, b)
+    z0 = u * heights[i0, j0] + v * heights[i0, j1] + w * heights[i0, j2]
+    z1 = u * heights[i1, j0] + v * heights[i1, j1] + w * heights[i1, j2]
+    z2 = u * heights[i2, j0] + v * heights[i2, j1] + w * heights[i2, j2]
+    u, v, w = _blossom(a, a)
+    return u * z0 + v * z1 + w * z2
 
 
 @kernel
 def height_and_gradient(heights, lx, ly, x, y):
     """Height h and its slopes dh/dx, dh/dy at (x, y); the upward unit normal is (h_x, h_y, -1) / norm."""
     hx, hy = heights.shape
-    gx = x * (hx / lx)
-    gy = y * (hy / ly)
-    cx = math.floor(gx)
-    cy = math.floor(gy)
-    a = gx - cx
-    b = gy - cy
-    wy0, wy1, wy2 = 0.5 * (1.0 - b) * (1.0 - b), 0.5 + b * (1.0 - b), 0.5 * b * b
-    j1 = cy if 0 <= cy < hy else cy % hy  # a division costs as much as the whole rest
-    j0 = j1 - 1 if j1 > 0 else hy - 1
-    j2 = j1 + 1 if j1 < hy - 1 else 0
-    i1 = cx if 0 <= cx < hx else cx % hx
-    i0 = i1 - 1 if i1 > 0 else hx - 1
-    i2 = i1 + 1 if i1 < hx - 1 else 0
-    v0 = wy0 * heights[i0, j0] + wy1 * heights[i0, j1] + wy2 * heights[i0, j2]
-    v1 = wy0 * heights[i1, j0] + wy1 * heights[i1, j1] + wy2 * heights[i1, j2]
-    v2 = wy0 * heights[i2, j0] + wy1 * heights[i2, j1] + wy2 * heights[i2, j2]
-    d0 = (b - 1.0) * heights[i0, j0] + (1.0 - 2.0 * b) * heights[i0, j1] + b * heights[i0, j2]
-    d1 = (b - 1.0) * heights[i1, j0] + (1.0 - 2.0 * b) * heights[i1, j1] + b * heights[i1, j2]
-    d2 = (b - 1.0) * heights[i2, j0] + (1.0 - 2.0 * b) * heights[i2, j1] + b * heights[i2, j2]
-    wx0, wx1, wx2 = 0.5 * (1.0 - a) * (1.0 - a), 0.5 + a * (1.0 - a), 0.5 * a * a
-    z = wx0 * v0 + wx1 * v1 + wx2 * v2
-    slope_x = ((a - 1.0) * v0 + (1.0 - 2.0 * a) * v1 + a * v2) * (hx / lx)
-    slope_y = (wx0 * d0 + wx1 * d1 + wx2 * d2) * (hy / ly)
-    return z, slope_x, slope_y
+    i0, i1, i2, a = _stencil(x * (hx / lx), hx)
+    j0, j1, j2, b = _stencil(y * (hy / ly), hy)
+    u, v, w = _blossom(b, b)
+    du, dv, dw = b - 1.0, 1.0 - 2.0 * b, b
+    z0 = u * heights[i0, j0] + v * heights[i0, j1] + w * heights[i0, j2]
+    z1 = u * heights[i1, j0] + v * heights[i1, j1] + w * heights[i1, j2]
+    z2 = u * heights[i2, j0] + v * heights[i2, j1] + w * heights[i2, j2]
+    d0 = du * heights[i0, j0] + dv * heights[i0, j1] + dw * heights[i0, j2]
+    d1 = du * heights[i1, j0] + dv * heights[i1, j1] + dw * heights[i1, j2]
+    d2 = du * heights[i2, j0] + dv * heights[i2, j1] + dw * heights[i2, j2]
+    u, v, w = _blossom(a, a)
+    slope_x = ((a - 1.0) * z0 + (1.0 - 2.0 * a) * z1 + a * z2) * (hx / lx)
+    slope_y = (u * d0 + v * d1 + w * d2) * (hy / ly)
+    return u * z0 + v * z1 + w * z2, slope_x, slope_y
+
+
+@kernel
+def _stencil(g, count):
+    """The three periodic control points about cell coordinate g, and the fraction of its cell.
+
+    Unsigned, as numba's test for negative indices costs as much as the look-up; a division only where the period is left.
+    """
+    cell = math.floor(g)
+    i1 = cell if 0 <= cell < count else cell % count
+    i0 = i1 - 1 if i1 > 0 else count - 1
+    i2 = i1 + 1 if i1 < count - 1 else 0
+    return np.uint64(i0), np.uint64(i1), np.uint64(i2), g - cell
 
 
 @kernel

@@ -32,7 +32,9 @@ ARRIVED = 11 * LANES  # packed direction of flight before the collision
 FRESH = 12 * LANES  # bit 0: path is one straight refracted passage so far; bit 1: never scattered
 REGION = 13 * LANES  # which layer between two borders with an index step
 TISSUE = 14 * LANES  # tissue layer at the collision
-INT_ROWS = 15
+MARKED = 15 * LANES  # not a lane's: list of the lanes with BORDER set
+OVER = 16 * LANES  # row of `relief.Relief.around`
+INT_ROWS = 17
 
 NULL, SCATTERED, ABSORBED = 0, 1, 2
 STRAIGHT, UNSCATTERED = 1, 2

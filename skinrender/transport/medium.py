@@ -12,9 +12,9 @@ import numpy as np
 from skinrender.transport.borders import Borders
 from skinrender.transport.bricks import BRICK
 from skinrender.transport.gather import Grid
-from skinrender.transport.height_field import bend_bound, cell_bounds
+from skinrender.transport.height_field import bulge_bound, cell_bounds
 from skinrender.transport.move import SLABS
-from skinrender.transport.relief import RELIEF_LEVELS, Relief
+from skinrender.transport.relief import FAR, NEAR, Relief
 
 _COARSE_CELLS = 4096
 _WORD = 2.0**32
@@ -163,16 +163,23 @@ def stiffness(majorant: np.ndarray, z_edges_mm: np.ndarray) -> str | None:
 
 
 def make_relief(heights: list[np.ndarray], size_mm: tuple[float, float]) -> Relief | None:
-    """Height fields (hx, hy), mm from the top of the volume, with what `stays_below` asks of them; None without any."""
+    """Height fields (hx, hy), mm from the top of the volume, with what is known around their cells; None without any."""
     if not heights:
         return None
-    cells = []
-    for field in heights:
-        bounds, bend = cell_bounds(field), bend_bound(field, *size_mm)
-        deepest = [_largest_within(bounds[..., 1], 2**level) for level in range(RELIEF_LEVELS)]
-        bends = [_largest_within(bend, 2**level) for level in range(RELIEF_LEVELS)]
-        cells.append(np.dstack([bounds, *deepest, *bends]))
-    return Relief(np.stack(heights), np.stack(cells))
+    bounds = np.stack([cell_bounds(field) for field in heights])
+    around = np.stack([_around(field, cells[..., 1], size_mm) for field, cells in zip(heights, bounds)])
+    cells = np.array(heights[0].shape)
+    return Relief(
+        np.stack(heights), bounds, around.astype(np.float32), (cells / size_mm).astype(np.float32),
+        (cells - 1).astype(np.int32),
+    )  # fmt: skip
+
+
+def _around(field: np.ndarray, highest: np.ndarray, size_mm: tuple[float, float]) -> np.ndarray:
+    """`Relief.around` of one height field."""
+    known = (highest, bulge_bound(field, *size_mm))
+    near = [np.stack([_largest_within(each, cells) for each in known], axis=-1) for cells in (NEAR, FAR)]
+    return np.concatenate([np.stack(near, axis=2).reshape(-1, 2), [[each.max() for each in known]]])
 
 
 def _largest_within(field: np.ndarray, cells: int) -> np.ndarray:

@@ -22,6 +22,7 @@ from skinrender.transport.lanes import (
     FRESH,
     INT_ROWS,
     LANES,
+    MARKED,
     SCATTERED,
     STRAIGHT,
     TISSUE,
@@ -34,6 +35,7 @@ from skinrender.transport.lanes import (
     Z,
 )
 from skinrender.transport.move import fly, locate, mark_sides, wrap
+from skinrender.transport.relief import clear_of_relief, look_around
 from skinrender.transport.rng import draw, seed_words
 from skinrender.transport.tally import (
     BORDER_HITS,
@@ -174,19 +176,29 @@ def settle(f, w, n, source, medium, relief, light, keep, position, direction, st
 
 
 @kernel
-def meet_borders(f, w, n, medium, relief, tally, exits):
+def list_marked(w, n):
+    """Lists the lanes whose flight may have met a border in w[MARKED:]; returns their number."""
+    marked = np.uint64(0)
+    for i in range(n):
+        w[MARKED + marked] = i
+        marked += np.uint64(w[BORDER + i])
+    return marked
+
+
+@kernel
+def meet_borders(f, w, marked, medium, relief, tally, exits):
     """Follows the few flights that may have met a border; the lane of a photon that left is free.
 
     It is not used again before `settle`: this step's collision would take numbers of the new history.
     """
     borders, majorant = medium.borders, medium.majorant
-    for i in range(n):
-        if w[BORDER + i] != 0:
-            status = cross(f, w, i, borders, majorant, relief)
-            tally[BORDER_HITS] += w[BORDER + i]
-            if status != INSIDE:
-                leave(f, w, i, status, tally, exits)
-                w[FRESH + i] = EMPTY
+    for k in range(marked):
+        i = w[MARKED + k]
+        status = cross(f, w, i, borders, majorant, relief)
+        tally[BORDER_HITS] += w[BORDER + i]
+        if status != INSIDE:
+            leave(f, w, i, status, tally, exits)
+            w[FRESH + i] = EMPTY
 
 
 @kernel
@@ -238,7 +250,12 @@ def walk(f, w, source, light, medium, relief, keep, position, direction, tally, 
             wrap(f, whole, medium.period[0], medium.period[1])
         else:
             mark_sides(f, w, whole, medium.period[0], medium.period[1])
-        meet_borders(f, w, n, medium, relief, tally, exits)
+        marked = list_marked(w, n)
+        if relief is not None:
+            if medium.borders.sides == PERIODIC:
+                look_around(f, w, whole, relief.cells_per_mm, relief.last_cell)
+                marked = clear_of_relief(f, w, marked, medium.borders, relief)
+        meet_borders(f, w, marked, medium, relief, tally, exits)
         locate(f, w, whole, medium.cells_per_mm, medium.last_cell, medium.grid.bricks_y)
         gather(f, w, n, medium.grid, medium.plane_row, medium.rows, medium.rows_as_float)
         collide(f, w, whole)

@@ -16,7 +16,7 @@ from skinrender.transport.fresnel import fresnel
 from skinrender.transport.height_field import first_hit, height
 from skinrender.transport.lanes import LANES, new_block
 from skinrender.transport.medium import make_relief
-from skinrender.transport.relief import stays_below
+from skinrender.transport.relief import below_all_around, below_each_bulge, look_around
 from tests.stats import assert_same_means, assert_share
 from tests.volumes import Layer, beam, fractions, furrow, sky, slab_volume, walk_rounds
 
@@ -109,15 +109,17 @@ def test_stored_directions_are_those_refracted_at_a_tilted_interface():
 
 
 @kernel
-def doubtful_flights(f, relief, lx, ly, directions, starts, path, out):
-    """For flights from a height field's lower side: (is said to stay below, first crossing or -1)."""
+def doubtful_flights(f, w, relief, lx, ly, directions, starts, path, out):
+    """For flights from a height field's lower side: (below all around, below each bulge, first crossing or -1)."""
     for i in range(path.size):
         x, y, z = starts[i, 0], starts[i, 1], starts[i, 2]
         ux, uy, uz = directions[i, 0], directions[i, 1], directions[i, 2]
         f[lanes.X], f[lanes.Y], f[lanes.Z], f[lanes.Z_START] = x + ux * path[i], y + uy * path[i], z + uz * path[i], z
         f[lanes.UX], f[lanes.UY], f[lanes.UZ], f[lanes.PATH] = ux, uy, uz, path[i]
-        out[i, 0] = 1.0 if stays_below(f, 0, relief, 0, lx, ly) else 0.0
-        out[i, 1] = first_hit(relief.heights[0], relief.cells[0], lx, ly, x, y, z, ux, uy, uz, path[i], 1.0)
+        look_around(f, w, 1, relief.cells_per_mm, relief.last_cell)
+        out[i, 0] = below_all_around(f, w, 0, relief.around, 0)
+        out[i, 1] = below_each_bulge(f, w, 0, relief, 0, lx, ly)
+        out[i, 2] = first_hit(relief.heights[0], relief.bounds[0], lx, ly, x, y, z, ux, uy, uz, path[i], 1.0)
 
 
 @pytest.mark.parametrize("roughness", [0.02, 0.3])
@@ -134,11 +136,11 @@ def test_a_flight_said_to_stay_below_crosses_nothing(roughness):
     starts[:, :2] = ends - directions[:, :2] * path[:, None]
     surface = np.array([height(relief.heights[0], 2.0, 1.0, float(x), float(y)) for x, y in starts[:, :2]])
     starts[:, 2] = surface + rng.exponential(roughness, n) + 1e-6
-    out, (f, _) = np.empty((n, 2)), new_block(np.float32)
-    doubtful_flights(f, relief, 2.0, 1.0, directions, starts, path, out)
-    below, hit = out[:, 0] == 1.0, out[:, 1] >= 0.0
-    assert not np.any(below & hit)
-    assert hit.sum() > 1000 and below.sum() > 0.3 * (~hit).sum()
+    out, (f, w) = np.empty((n, 3)), new_block(np.float32)
+    doubtful_flights(f, w, relief, 2.0, 1.0, directions, starts, path, out)
+    deeper, smoother, hit = out[:, 0] == 1.0, out[:, 1] == 1.0, out[:, 2] >= 0.0
+    assert not np.any((deeper | smoother) & hit)
+    assert hit.sum() > 1000 and (deeper | smoother).sum() > 0.3 * (~hit).sum()
 
 
 def unscattered_through(surface, flown, mu_a, thickness):
