@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from skinrender.transport import lanes
-from skinrender.transport.gather import BRICK, NEVER_ABSORB, NEVER_SCATTER, gather
+from skinrender.transport.bricks import BRICK
+from skinrender.transport.gather import gather
 from skinrender.transport.lanes import LANES, new_block
 from skinrender.transport.medium import make_grid, make_rows
 from tests.transport.block import row
@@ -33,16 +34,15 @@ def numbered_rows():
     return make_rows(thresholds, np.linspace(-0.9, 0.9, ENTRIES), np.arange(ENTRIES) % 9)
 
 
-def gathered(index, edges, ix, iy, z, real=np.float32, border=None):
+def gathered(index, edges, ix, iy, z, real=np.float32):
     """Buffers after a gather at columns (n,) and depths (n,), n lanes at most."""
     grid, rows = make_grid(index, edges, real)[0], numbered_rows()
     f, w = new_block(real)
     n = len(z)
     row(f, lanes.Z, n)[:] = z
-    row(w, lanes.IX, n)[:], row(w, lanes.IY, n)[:] = ix, iy
+    row(w, lanes.BRICK_XY, n)[:] = np.floor_divide(ix, BRICK) * grid.bricks_y + np.floor_divide(iy, BRICK)
+    row(w, lanes.IN_BRICK, n)[:] = np.mod(ix, BRICK) * BRICK + np.mod(iy, BRICK)
     row(w, lanes.IZ, n)[:] = np.clip(row(f, lanes.Z, n) * real(COARSE_CELLS / edges[-1]), 0, COARSE_CELLS - 1)
-    row(w, lanes.BORDER, n)[:] = 0 if border is None else border
-    row(f, lanes.G, n)[:], row(w, lanes.TISSUE, n)[:] = -2.0, -2
     plane_row = (np.arange(PLANES) % SLABS * ENTRIES).astype(np.int32)
     gather(f, w, n, grid, plane_row, rows, rows.view(np.float32))
     return f, w
@@ -75,16 +75,6 @@ def test_plane_of_any_depth(real):
     _, w = gathered(index, edges, 0, 0, z, real)
     expected = np.clip(np.searchsorted(edges.astype(real), z, side="right") - 1, 0, PLANES - 1)
     assert np.array_equal(row(w, lanes.SCATTER_BELOW, z.size) % 1000, expected)
-
-
-def test_a_lane_on_a_border_cannot_collide():
-    index, edges = volume(4, 4)
-    border = np.arange(100) % 5 == 0
-    f, w = gathered(index, edges, 1, 1, np.full(100, 0.5 * edges[-1]), border=border)
-    assert np.array_equal(row(w, lanes.SCATTER_BELOW, 100) == NEVER_SCATTER, border)
-    assert np.array_equal(row(w, lanes.ABSORB_ABOVE, 100) == NEVER_ABSORB, border)
-    assert np.array_equal(row(f, lanes.G, 100) == -2.0, border)
-    assert np.array_equal(row(w, lanes.TISSUE, 100) == -2, border)
 
 
 def test_uniform_bricks_are_stored_once():

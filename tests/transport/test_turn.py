@@ -237,3 +237,15 @@ def test_events_occur_in_their_shares():
         counts += np.bincount(row(w, lanes.EVENT), minlength=3)
     for event, share in ((lanes.NULL, 1.5 / 8), (lanes.SCATTERED, 5 / 8), (lanes.ABSORBED, 1.5 / 8)):
         assert_share(counts[event], counts.sum(), share, 3)
+
+
+def test_a_flight_that_ended_on_a_border_has_no_collision():
+    f, w, _, before = collision_block()
+    row(w, lanes.SCATTER_BELOW)[:] = np.where(np.arange(LANES) % 2 == 0, 2**31 - 1, -(2**31))  # else all are absorbed
+    row(w, lanes.ABSORB_ABOVE)[:] = np.where(np.arange(LANES) % 2 == 0, 2**31 - 1, -(2**31))
+    border = row(w, lanes.BORDER)
+    border[:] = np.arange(LANES) % 5 == 0
+    collide(f, w, LANES)
+    assert np.array_equal(row(w, lanes.EVENT) == lanes.NULL, border == 1)
+    after = f.reshape(-1, LANES)[[lanes.UX // LANES, lanes.UY // LANES, lanes.UZ // LANES]].T
+    assert np.array_equal(after[border == 1], before[border == 1].astype(np.float32))
