@@ -78,7 +78,7 @@ def lateral_reach(p, height, z, region, borders, index):
     return outside, inside, slope
 
 
-@kernel
+@allocating_kernel
 def solve_snell(lateral, height, z, region, borders, index):
     """Snell invariant of the ray from `height` above the surface that gets to depth z at a horizontal distance (Newton)."""
     low, high = 0.0, index[: region + 2].min()

@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from skinrender.estimate.deposit import image_range, slab_of, unpack_direction, voxel_of
-from skinrender.transport import kernel
+from skinrender.transport import allocating_kernel, kernel
 from skinrender.transport.height_field import height
 from skinrender.transport.phase import phase_hg
 
@@ -100,7 +100,7 @@ def add_to_spheres(
     return contributions
 
 
-@kernel
+@allocating_kernel
 def gather_points(
     position, direction, first, last, keep, z_top, lx, ly, periodic, relief, edges, radius, step, share, region,
     fine, relative, to_lattice, bounds, start, rays, points, tau, h, w, palette_index, z_edges, g, outside, image,
