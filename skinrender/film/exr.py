@@ -105,6 +105,11 @@ def channel_names(path: str | Path) -> list[str]:
     return [channel.name for channel in _header(Path(path))["channels"]]
 
 
+def read_provenance(path: str | Path) -> dict[str, Any]:
+    """Provenance of a picture of `write_exr`, from the header alone; empty for any other EXR. Raises `InputError`."""
+    return _json_attribute(Path(path), _header(Path(path)), _PROVENANCE)
+
+
 def _channels(image: SpectralImage, reflectance: bool):
     rgb = image.rgb()
     for index, name in enumerate("RGB"):

@@ -25,7 +25,7 @@ def again(smoke_scene, folder, *options) -> dict:
 def test_render_writes_all_files_and_the_summary(first_render):
     folder, summary = first_render
     assert {path.name for path in folder.iterdir()} == {
-        "volume.npz", "section.png", "photons.npz", "beam.exr", "beam.png", "timing.csv"
+        "volume.npz", "section.png", "photons.npz", "beam.exr", "beam.png", "timing.csv", "index.html"
     }  # fmt: skip
     assert summary["stages_run"] == ["build", "trace", "estimate"]
     assert summary["photons_stored"] >= 4000 and summary["lost"] == 0 and summary["nan_pixels"] == 0
