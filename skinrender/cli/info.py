@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from skinrender.cli.console import Console, Row, bytes_text
+from skinrender.cli.console import Console, Row, bytes_text, with_error
 from skinrender.cli.options import reporting
 
 
@@ -28,7 +28,9 @@ def info(file: Path, console: Console) -> None:
     from skinrender.cli.describe import describe
 
     summary = {"file": str(file), **describe(file), "bytes": file.stat().st_size}
-    shown = summary if console.verbose else summary | {"provenance": _identity(summary.get("provenance", {}))}
+    shown = dict(summary)
+    if "provenance" in summary and not console.verbose:
+        shown["provenance"] = _identity(summary["provenance"])
     console.result(summary, _rows(shown))
 
 
@@ -46,7 +48,7 @@ def _text(key: str, value: Any) -> str:
     if isinstance(value, Mapping) and value.keys() == {"count", "min", "max"}:
         return f"{_text(key, value['min'])} to {_text(key, value['max'])}  ({value['count']} values)"
     if isinstance(value, Mapping) and value.keys() == {"value", "stderr"}:
-        return f"{value['value']:.4g} ± {value['stderr']:.2g}" if value["stderr"] else _text(key, value["value"])
+        return with_error(value)
     if isinstance(value, Mapping):
         return ", ".join(f"{name}: {_text(name, item)}" for name, item in value.items())
     if isinstance(value, list):
