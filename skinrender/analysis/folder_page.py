@@ -85,13 +85,13 @@ def _seconds(folder: Path) -> Iterator[str]:
     runs = _last_runs(folder / "timing.csv")
     if runs:
         rows = [
-            (command, *(f"{run[stage]:.2f}" if stage in run else "" for stage in STAGES), *run["where"])
+            (command, *run["where"], *(f"{run[stage]:.2f}" if stage in run else "" for stage in STAGES))
             for command, run in runs.items()
         ]
         yield "<h2>Seconds</h2>"
         yield table(
-            ("command", *STAGES, "workers", "processor", "finished (UTC)"), rows,
-            "The last run of each command; all runs: timing.csv.",
+            ("command", "finished (UTC)", "workers", "processor", *STAGES), rows,
+            "The last run of each command; all runs: timing.csv.", 4,
         )  # fmt: skip
 
 
@@ -103,7 +103,7 @@ def _last_runs(timing: Path) -> dict[str, dict[str, Any]]:
     try:
         with open(timing, newline="", encoding="utf-8") as file:
             for row in csv.DictReader(file):
-                where = (row["workers"], row["cpu"], row["finished"])
+                where = (row["finished"].partition("+")[0], row["workers"], row["cpu"])
                 if runs.get(row["command"], {}).get("where") != where:
                     runs[row["command"]] = {"where": where}
                 runs[row["command"]][row["stage"]] = float(row["seconds"])
