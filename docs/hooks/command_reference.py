@@ -9,10 +9,10 @@ from skinrender.cli import main
 
 def command_reference() -> str:
     """A section for each command with its ``--help``."""
-    parent = click.Context(main, info_name="skinrender", max_content_width=96)
+    parent = click.Context(main, info_name="skinrender", **main.context_settings)
     sections = []
     for name in main.list_commands(parent):
         command = main.commands[name]
-        with click.Context(command, info_name=name, parent=parent, max_content_width=96, terminal_width=96) as context:
+        with click.Context(command, info_name=name, parent=parent, terminal_width=96) as context:
             sections.append(f"## {name} {{ #{name} }}\n\n```text\n{command.get_help(context)}\n```")
     return "\n\n".join(sections) + "\n"
