@@ -10,10 +10,10 @@ from typing import Any
 
 from skinrender.analysis.html_page import figure, page, table, text
 from skinrender.atomic import whole_file
+from skinrender.engine.view import METHODS
 from skinrender.errors import InputError
 from skinrender.film.exr import read_provenance
 
-METHODS = ("beam", "point", "reference")
 STAGES = ("load", "trace", "estimate", "write", "total")
 WIDTH_PX = 480
 WHAT = {
