@@ -14,6 +14,7 @@
 # make search      draws valid scenes at random until one breaks (SEARCH_EXAMPLES=300)
 # make check       the photon walk against the tables of layered slabs, quantity by quantity
 # make cross-check pictures against Mitsuba, absorption against MCX (installs the extra interop; MCX wants an OpenCL device)
+# make docs        the documentation as a site, in site/
 # make bench       speed of the photon walk beside the floor of this machine; seconds that `plan` predicts against measured
 # make bench-leave-out  time and memory of each feature: pairs of scenes with and without it
 PYTHON ?= python3
@@ -29,7 +30,7 @@ ERROR_TIME_SCENES := configs/slab_blue.yaml configs/fig12_epidermal.yaml
 SECONDS ?= 1500
 
 .PHONY: setup test test-all check stability search smoke figures table1 error-time measured-skin lesion-table fit-tones \
-  faults fuzz cross-check bench bench-leave-out clean $(FIGURES)
+  faults fuzz cross-check docs bench bench-leave-out clean $(FIGURES)
 
 setup: $(INSTALLED)
 
@@ -92,6 +93,10 @@ fit-tones: $(INSTALLED)
 cross-check: $(INSTALLED)
 	$(BIN)/pip install --quiet --editable '.[interop]'
 	$(BIN)/python -m benchmarks.cross_check
+
+docs: $(INSTALLED)
+	$(BIN)/pip install --quiet --editable '.[docs]'
+	$(BIN)/mkdocs build --strict
 
 faults: $(INSTALLED)
 	for workers in 1 2; do $(BIN)/python -m tests.system.kills --workers $$workers --tries $(TRIES) || exit; done

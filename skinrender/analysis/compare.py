@@ -20,6 +20,7 @@ def compare(a: Picture, b: Picture, regions: Mapping[str, np.ndarray] | None = N
 
     Parameters
     ----------
+    a, b : pictures of the same size, as `read_exr` and `estimate` give them.
     regions : masks (h, w) by name; the errors within each appear under the key ``regions``.
 
     Returns

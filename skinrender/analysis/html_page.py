@@ -59,11 +59,12 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]], caption: str = 
     return f"<table>{told}<thead>{line('th', head)}</thead>\n<tbody>{body}</tbody></table>"
 
 
-def figure(data: bytes, kind: str, caption: str, alternative: str) -> str:
-    """A picture inside the page: its bytes, as ``png`` or ``svg``."""
+def figure(data: bytes, kind: str, caption: str, alternative: str, width_px: int | None = None) -> str:
+    """A picture inside the page: its bytes, as ``png`` or ``svg``; of its own width by default."""
     mime = {"png": "image/png", "svg": "image/svg+xml"}[kind]
     source = f"data:{mime};base64,{base64.b64encode(data).decode('ascii')}"
-    return f'<figure><img src="{source}" alt="{text(alternative)}"><figcaption>{text(caption)}</figcaption></figure>'
+    size = "" if width_px is None else f' width="{width_px}"'
+    return f'<figure><img src="{source}" alt="{text(alternative)}"{size}><figcaption>{text(caption)}</figcaption></figure>'
 
 
 def items(lines: Iterable[str]) -> str:

@@ -166,12 +166,17 @@ def spectrum(
 
     Parameters
     ----------
+    scene : its patch, bands, skin or slab, relief and lesions are read.
     volume : the scene's; built if not given.
     stderr : relative standard error wanted of the patch's reflectance, mean over the bands.
     seed : of the photons; by default the scene's.
     workers : threads; the result does not depend on it.
     progress : show a bar when on a terminal.
     clock : receives the seconds of the stages ``build``, ``pilot`` and ``trace``.
+
+    Raises
+    ------
+    InputError : what `build` refuses.
     """
     clock = clock or StageClock()
     with clock.stage("build"):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from skinrender.cli.console import Console, Row, seconds_row
+from skinrender.cli.console import Console, Row, marked, seconds_row
 from skinrender.cli.options import reporting, with_workers
 from skinrender.errors import RunError
 
@@ -109,14 +109,14 @@ def _case_table(found: Iterable[Found]) -> list[Row]:
     for one in found:
         worst = one.decisive
         measured = f"{worst.quantity} {worst.measured:.3g}, bound {worst.bound:g}"
-        rows += [(one.case, one.could_break), ("", f"  {measured}: {'ok' if one.ok else 'OFF'}")]
+        rows += [(one.case, one.could_break), ("", f"  {measured}: {'ok' if one.ok else marked('OFF', 'red')}")]
     return rows
 
 
 def _table(results: Iterable[Result]) -> list[Row]:
     rows = [("quantity", f"{'expected':>13} {'got':>13} {'stderr':>9} {'z':>7}  ok")]
     for r in results:
-        values = f"{r.expected:13.7g} {r.got:13.7g} {r.stderr:9.2g} {r.z:7.2f}  {'yes' if r.ok else 'NO'}"
+        values = f"{r.expected:13.7g} {r.got:13.7g} {r.stderr:9.2g} {r.z:7.2f}  {'yes' if r.ok else marked('NO', 'red')}"
         rows.append((f"{r.id} {r.quantity}", values))
     return rows
 

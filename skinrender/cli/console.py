@@ -40,7 +40,7 @@ class Console:
 
     def warn(self, text: str) -> None:
         """Say what the user should know."""
-        click.echo(f"warning: {text}", err=True)
+        click.echo(f"{marked('warning:', 'yellow')} {text}", err=True)
 
     def result(self, summary: Mapping[str, Any], rows: Iterable[Row]) -> None:
         """Print the result: the summary in JSON, or rows of (label, value) as a table."""
@@ -48,6 +48,11 @@ class Console:
             click.echo(json.dumps(_finite(summary), indent=2, ensure_ascii=False, allow_nan=False))
         elif not self.quiet:
             click.echo(aligned(rows))
+
+
+def marked(word: str, color: str) -> str:
+    """A word that stands out; where the output is no terminal click takes the color away."""
+    return click.style(word, fg=color, bold=True)
 
 
 def aligned(rows: Iterable[Row]) -> str:

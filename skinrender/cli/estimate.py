@@ -28,7 +28,7 @@ def estimate(
     """Estimate the picture of SCENE from its photon map.
 
     Reads volume.npz and photons.npz, writes <method>.exr (spectral, linear) and <method>.png (sRGB), and adds the
-    seconds of each stage to timing.csv.
+    seconds of each stage to timing.csv. index.html shows what is in the folder and how it was made.
 
     \b
     Example:
@@ -43,8 +43,9 @@ def estimate(
         volume, photon_map = matching_volume(job), matching_map(job)
     summary = run_estimate(job, volume, photon_map, reflectance, workers)
     job.log_seconds("estimate", workers)
-    summary |= {"seconds": job.clock.seconds, "files": [str(job.exr), str(job.png)]}
+    job.write_page()
+    summary |= {"seconds": job.clock.seconds, "files": [str(job.exr), str(job.png), str(job.page)]}
     console.result(
         summary,
-        [*estimate_rows(summary), seconds_row(summary["seconds"]), ("wrote", f"{job.exr}, {job.png.name}")],
+        [*estimate_rows(summary), seconds_row(summary["seconds"]), ("wrote", f"{job.exr}, {job.png.name}, {job.page.name}")],
     )

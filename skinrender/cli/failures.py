@@ -9,10 +9,12 @@ from typing import Any, NoReturn
 
 import click
 
+from skinrender.cli.console import marked
 from skinrender.engine.interrupt import handled_by, stop_at_once
 from skinrender.errors import InputError, RunError
 
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
+_ERROR, _FAILED = marked("error:", "red"), marked("failed:", "red")
 _KEPT = "interrupted; what was finished is kept\n  go on with the same command (trace and render: and --resume)"
 _REMEDIES = {
     errno.ENOSPC: "free some room on the disk, or choose another with -o",
@@ -31,10 +33,11 @@ class FailureGroup(click.Group):
         try:
             return super().main(*args, **extra)
         except OSError as error:  # of printing help itself; the commands' own are told below
-            click.echo(f"failed: {_told(error)}", err=True)
+            click.echo(f"{_FAILED} {_told(error)}", err=True)
             sys.exit(FAILED)
 
     def invoke(self, ctx: click.Context) -> Any:
+        ctx.color = False if os.environ.get("NO_COLOR") else None  # None: on a terminal only
         _open_closed_streams()
         try:
             with handled_by(stop_at_once):
@@ -42,9 +45,9 @@ class FailureGroup(click.Group):
             sys.stdout.flush()
             return result
         except InputError as error:
-            _stop(ctx, f"error: {error}", BAD_INPUT)
+            _stop(ctx, f"{_ERROR} {error}", BAD_INPUT)
         except RunError as error:
-            _stop(ctx, f"failed: {_with_remedy(str(error), error.__cause__)}", FAILED)
+            _stop(ctx, f"{_FAILED} {_with_remedy(str(error), error.__cause__)}", FAILED)
         except KeyboardInterrupt as error:
             _stop(ctx, str(error) or _KEPT, INTERRUPTED)
         except BrokenPipeError:
@@ -52,9 +55,9 @@ class FailureGroup(click.Group):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             ctx.exit(FAILED)
         except OSError as error:
-            _stop(ctx, f"failed: {_told(error)}", FAILED)
+            _stop(ctx, f"{_FAILED} {_told(error)}", FAILED)
         except MemoryError:
-            _stop(ctx, "failed: out of memory\n  use fewer columns, pixels or --workers", FAILED)
+            _stop(ctx, f"{_FAILED} out of memory\n  use fewer columns, pixels or --workers", FAILED)
 
 
 def _open_closed_streams() -> None:

@@ -57,6 +57,19 @@ class Job:
     def png(self) -> Path:
         return self.out / f"{self.scene.estimate.method}.png"
 
+    @property
+    def page(self) -> Path:
+        return self.out / "index.html"
+
+    def write_page(self) -> None:
+        """Write ``index.html``, which explains the folder."""
+        import shlex
+        import sys
+
+        from skinrender.analysis.folder_page import write_folder_page
+
+        write_folder_page(self.page, self.scene, shlex.join(["skinrender", *sys.argv[1:]]))
+
     def log_seconds(self, command: str, workers: int | None) -> None:
         """Add this job's seconds to its ``timing.csv``."""
         import os

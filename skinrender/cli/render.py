@@ -46,7 +46,7 @@ def render(
     scheduler: str | None,
     console: Console,
 ) -> None:
-    """Build, trace and estimate SCENE, doing again only what changed.
+    """Build, trace and estimate SCENE, doing again only what changed. index.html in its folder shows what was made.
 
     With --target-error or --time the photons go straight into the picture, which grows until it is good enough or its
     time is over; no photon map is written, and the picture so far is always there.
@@ -72,7 +72,7 @@ def render(
     rows = estimate_rows(summary)
     rows.append(("photons looked at" if growing else "photons stored", str(summary["photons_stored"])))
     rows.append(("done", ", ".join(summary["stages_run"]) or "nothing: everything is up to date"))
-    console.result(summary, [*rows, seconds_row(summary["seconds"]), ("picture", f"{job.exr}, {job.png.name}")])
+    console.result(summary, [*rows, seconds_row(summary["seconds"]), ("picture", f"{job.exr}, {job.png.name}"), ("page", str(job.page))])
 
 
 def _render(
@@ -100,7 +100,9 @@ def _render(
         picture = run_estimate(job, volume, photon_map, reflectance, workers)
     if done:
         job.log_seconds("render", workers)
-    files = [job.volume, job.section, job.photons, job.exr, job.png]
+    if done or not job.page.is_file():
+        job.write_page()
+    files = [job.volume, job.section, job.photons, job.exr, job.png, job.page]
     return summary | picture | {
         "stages_run": done, "seconds": job.clock.seconds, "files": [str(file) for file in files]
     }  # fmt: skip
@@ -115,7 +117,8 @@ def _render_until(
     done, volume = _volume(job)
     summary = volume_summary(job, volume) | run_until(job, volume, target_error, seconds, reflectance, workers)
     job.log_seconds("render", workers)
-    files = [job.volume, job.section, job.exr, job.png]
+    job.write_page()
+    files = [job.volume, job.section, job.exr, job.png, job.page]
     return summary | {
         "stages_run": [*done, "trace", "estimate"], "seconds": job.clock.seconds, "files": [str(file) for file in files]
     }  # fmt: skip

@@ -28,6 +28,7 @@ from skinrender.estimate.stream import depths_bytes
 from skinrender.estimate.surface import surface_bytes
 from skinrender.film.spectral_image import SpectralImage
 from skinrender.photonmap.photon_map import PhotonMap
+from skinrender.scene import Scene
 from skinrender.skin.memory import require_memory
 from skinrender.skin.regions import regions_of
 from skinrender.skin.volume import SkinVolume
@@ -39,6 +40,7 @@ class EstimateSummary:
 
     Parameters
     ----------
+    method : beam, point or reference.
     mean_radiance, mean_radiance_stderr : over all pixels, summed over bands, W mm^-2 sr^-1.
     nan_pixels : pixels with a value that is not finite.
     photons_gathered : photons met by a beam or a sample point, on average.
@@ -74,7 +76,7 @@ class EstimateSummary:
 
 
 def estimate(
-    scene: Any,
+    scene: Scene,
     volume: SkinVolume,
     photon_map: PhotonMap,
     *,
@@ -84,12 +86,14 @@ def estimate(
     progress: bool = True,
     clock: StageClock | None = None,
 ) -> tuple[SpectralImage, EstimateSummary]:
-    """Estimate the picture of a scene from its photon map.
+    """Estimate the picture of a scene from its photon map: spectral radiance of each pixel, and what is told of it.
 
     Parameters
     ----------
     scene : its camera, light, finish and estimate sections are read.
-    method, gather_count : other than the scene's.
+    volume, photon_map : the scene's.
+    method : beam, point or reference, if other than the scene's.
+    gather_count : photons that a beam or sample point meets on average, if other than the scene's.
     threads : of the estimate; all cores by default.
     progress : show a bar when on a terminal.
     clock : receives the seconds of the stage ``estimate``.

@@ -26,6 +26,7 @@ from skinrender.engine.view import why_no_picture
 from skinrender.film.exr import exr_bytes, write_exr
 from skinrender.photonmap.light import light_from_scene
 from skinrender.photonmap.photon_pass import PhotonPass, Round, pass_bytes, round_memory_bytes
+from skinrender.scene import Scene
 from skinrender.skin.builder import build_volume
 from skinrender.skin.heights import heights_bytes
 from skinrender.skin.section import USUAL_BYTES, draw_section
@@ -84,11 +85,12 @@ class Plan:
         }
 
 
-def make_plan(scene: Any, *, workers: int | None = None) -> Plan:
+def make_plan(scene: Scene, *, workers: int | None = None) -> Plan:
     """Plan a scene's build, trace and estimate; takes seconds and leaves no file.
 
     Parameters
     ----------
+    scene : all of it is read.
     workers : processes of the photon pass and threads of the estimate; None lets the size of the run decide.
 
     Raises

@@ -39,6 +39,7 @@ from skinrender.photonmap.store import (
     write_header,
     write_map,
 )
+from skinrender.scene import Scene
 
 MAP_NAME = "photons.npz"
 ROUNDS_NAME = "rounds"
@@ -46,7 +47,7 @@ HEADER_NAME = "run.npz"
 
 
 def trace(
-    scene: Any,
+    scene: Scene,
     volume_path: str | Path,
     out_dir: str | Path,
     *,
@@ -66,7 +67,8 @@ def trace(
     scene : its ``photons`` and ``light`` are read.
     volume_path : the ``volume.npz`` to walk in.
     out_dir : made if need be; finished rounds lie in its ``rounds`` until the map is complete.
-    workers, progress, open_executor : see `crew.Crew`.
+    workers, progress, open_executor : see `crew.Crew`. More than one worker are processes, which import the script that
+        started them: in a script call this under ``if __name__ == "__main__":``.
     resume : go on from the rounds that are there.
     shard : (i, n), 0 <= i < n: walk rounds i, i + n, ... only and leave them for `shards.merge`.
     stop : another rule than the scene's number of stored photons.

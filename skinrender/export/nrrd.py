@@ -7,16 +7,21 @@ the program's own: x, y along the patch, z down into the skin, mm, written as ``
 from __future__ import annotations
 
 import gzip
+import itertools
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from skinrender.atomic import whole_file
+from skinrender.errors import InputError
 from skinrender.export.grid import Labels, even_labels
 from skinrender.skin.volume import SkinVolume
 
+_LONGEST_LINE = 1 << 22
 _TYPES = {"u1": "uint8", "f4": "float"}
 _COLORS = (
     (0.91, 0.83, 0.66), (0.95, 0.73, 0.55), (0.81, 0.56, 0.35), (0.97, 0.81, 0.82), (0.94, 0.71, 0.71),
@@ -72,6 +77,30 @@ def write_nrrd(path: Path, values: np.ndarray, labels: Labels, pairs: Mapping[st
         with gzip.GzipFile(filename="", mode="wb", compresslevel=4, fileobj=file, mtime=0) as packed:
             for plane in np.moveaxis(values, 2, 0):  # x is the fastest axis of the file
                 packed.write(np.ascontiguousarray(plane.T, dtype=plane.dtype.newbyteorder("<")).data)
+
+
+def read_nrrd_header(path: Path) -> dict[str, Any]:
+    """What the header of a file of `write_nrrd` says: voxels, their spacing, labels, quantity, provenance.
+
+    Raises
+    ------
+    InputError : damaged, or not an NRRD of this program.
+    """
+    try:
+        with open(path, "rb") as file:
+            lines = itertools.takewhile(lambda line: line.strip(), iter(lambda: file.readline(_LONGEST_LINE), b""))
+            fields = dict(re.split(":=|: ", line.decode().rstrip("\n"), maxsplit=1) for line in lines if b":" in line)
+        spacing = [float(vector.strip("()").split(",")[i]) for i, vector in enumerate(fields["space directions"].split(" "))]
+        names = [fields[key] for key in fields if re.fullmatch(r"Segment\d+_Name", key)]
+        return {
+            "voxels": [int(count) for count in fields["sizes"].split()],
+            "spacing_mm": spacing,
+            "values": fields.get("quantity", f"labels, 1 to {len(names)}"),
+            **({"labels": names} if names else {}),
+            "provenance": json.loads(fields["skinrender_provenance"].replace("\\\\", "\\")),
+        }
+    except (KeyError, ValueError, IndexError) as error:
+        raise InputError(f"not an NRRD of this program, or a damaged one ({error})", where=str(path)) from error
 
 
 def _segments(volume: SkinVolume, shape: tuple[int, ...]) -> dict[str, str]:

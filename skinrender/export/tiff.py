@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -55,3 +57,22 @@ def write_tiff(picture: Path, path: Path, pixel_mm: tuple[float, float]) -> int:
         except ValueError as error:
             raise RunError(f"cannot write {path}: {error}") from error
     return len(stack)
+
+
+def read_tiff(path: Path) -> tuple[np.ndarray, list[str], dict[str, Any]]:
+    """Pages (bands, h, w) of `write_tiff`'s file, their labels, and what it says of itself.
+
+    Raises
+    ------
+    InputError : damaged, or not a TIFF of this program.
+    """
+    import tifffile
+
+    try:
+        with tifffile.TiffFile(path) as file:
+            told = file.imagej_metadata or {}
+            if file.series[0].nbytes > path.stat().st_size:
+                raise ValueError("it claims more pixels than it holds")
+            return file.asarray(), list(told["Labels"]), json.loads(told["Info"])
+    except (LookupError, ValueError, TypeError, OSError, struct.error, tifffile.TiffFileError) as error:
+        raise InputError(f"not a TIFF of this program, or a damaged one ({error})", where=str(path)) from error

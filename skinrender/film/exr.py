@@ -39,7 +39,13 @@ def exr_bytes(pixels: int, bands: int) -> int:
 
 
 def write_exr(path: str | Path, image: SpectralImage, *, reflectance: bool = False) -> None:
-    """Write a spectral image; with `reflectance` also its radiance factor as ``T.`` channels.
+    """Write a spectral image, whole or not at all.
+
+    Parameters
+    ----------
+    path : an ``.exr``; one that is there is replaced.
+    image : its radiance in W mm^-2 sr^-1 becomes W m^-2 sr^-1 in the file.
+    reflectance : also write the radiance factor, as ``T.`` channels.
 
     Raises
     ------
@@ -67,7 +73,11 @@ def write_exr(path: str | Path, image: SpectralImage, *, reflectance: bool = Fal
 
 
 def read_exr(path: str | Path) -> SpectralImage | RgbImage:
-    """Read a picture of `write_exr`; of any other EXR its R, G, B (or its Y as grey).
+    """Read a picture of `write_exr`; of any other EXR its R, G, B (or its Y as gray).
+
+    Parameters
+    ----------
+    path : the EXR; rows of the file become rows (h) of the arrays.
 
     Raises
     ------
@@ -93,6 +103,11 @@ def read_exr(path: str | Path) -> SpectralImage | RgbImage:
 def channel_names(path: str | Path) -> list[str]:
     """Names of an EXR's channels, from the header alone."""
     return [channel.name for channel in _header(Path(path))["channels"]]
+
+
+def read_provenance(path: str | Path) -> dict[str, Any]:
+    """Provenance of a picture of `write_exr`, from the header alone; empty for any other EXR. Raises `InputError`."""
+    return _json_attribute(Path(path), _header(Path(path)), _PROVENANCE)
 
 
 def _channels(image: SpectralImage, reflectance: bool):

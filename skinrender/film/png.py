@@ -11,7 +11,12 @@ from skinrender.film.color import encode_srgb
 
 
 def write_png(path: str | Path, rgb: np.ndarray) -> float:
-    """Write linear sRGB (h, w, 3) as an 8-bit PNG.
+    """Write linear sRGB as an 8-bit PNG, whole or not at all.
+
+    Parameters
+    ----------
+    path : a ``.png``; one that is there is replaced.
+    rgb : (h, w, 3), 1 for white, e.g. `SpectralImage.display_rgb`.
 
     Returns
     -------

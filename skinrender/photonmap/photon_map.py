@@ -42,6 +42,7 @@ class PhotonMap:
     provenance : what determines the bytes.
     keep_probability : (B, D) f4 or None; a photon's weight is its reciprocal.
     depth_edges_mm : (D + 1,) f8 or None, the depths that go with it.
+    format_version : of the file.
     """
 
     position: np.ndarray

@@ -54,7 +54,18 @@ def load_scene(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
 
 
 def make_scene(data: dict[str, Any], *, source_dir: str | Path = ".") -> Scene:
-    """A checked Scene from plain data, as a scene file would hold it. Raises InputError as `load_scene`."""
+    """A checked Scene from plain data, as a scene file would hold it.
+
+    Parameters
+    ----------
+    data : mapping of the keys of the scene reference; it is left as it is.
+    source_dir : folder that files named in it are relative to.
+
+    Raises
+    ------
+    InputError
+        Telling everything that is wrong, one mistake a line.
+    """
     return _checked(Source(copy.deepcopy(data)), Path(source_dir).resolve())
 
 

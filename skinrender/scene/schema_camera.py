@@ -23,10 +23,10 @@ from skinrender.scene.schema_base import (
 class _View(Part):
     pixels: tuple[Pixels, Pixels] = Field((200, 200), description="width and height of the image")
     center_mm: tuple[Number, Number] | None = Field(
-        None, description="x and y of the point the camera looks at; left out = the patch's centre"
+        None, description="x and y of the point the camera looks at; left out = the patch's center"
     )
     window_mm: tuple[LengthMm, LengthMm] | None = Field(
-        None, description="what the image spans in the plane through the centre; left out = the whole patch"
+        None, description="what the image spans in the plane through the center; left out = the whole patch"
     )
     zenith_deg: Zenith = Field(0.0, description="angle between the line of sight and the surface's normal")
     azimuth_deg: Azimuth = Field(0.0, description="direction the camera stands in, from the x axis towards y")
@@ -43,7 +43,7 @@ class PerspectiveCamera(_View):
     """A pinhole camera."""
 
     kind: Literal["perspective"]
-    distance_mm: Annotated[Positive, Field(le=1e7)] = Field(description="distance from the pinhole to the centre")
+    distance_mm: Annotated[Positive, Field(le=1e7)] = Field(description="distance from the pinhole to the center")
 
 
 Camera = Annotated[OrthographicCamera | PerspectiveCamera, Field(discriminator="kind"), default_kind("orthographic")]

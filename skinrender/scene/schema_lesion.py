@@ -13,7 +13,7 @@ INKS = ("carbon_black", "red", "blue", "green")
 
 Pattern = Annotated[
     Text,
-    Field(min_length=1, description="grey PNG beside the scene file, one pixel a voxel column; black = most melanin or ink"),
+    Field(min_length=1, description="gray PNG beside the scene file, one pixel a voxel column; black = most melanin or ink"),
 ]
 VoxelLayers = whole(1, 10_000)
 CenterLayer = whole(1, 10_000)

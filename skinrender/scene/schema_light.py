@@ -41,7 +41,7 @@ class PointLight(Part):
 
     kind: Literal["point"] = "point"
     height_mm: Annotated[Number, Field(ge=1e-3, le=1e7)] = Field(100.0, description="height above the mean surface")
-    position_mm: PositionMm | None = Field(None, description="x and y of the lamp; left out = above the patch's centre")
+    position_mm: PositionMm | None = Field(None, description="x and y of the lamp; left out = above the patch's center")
     intensity_W_per_sr: Power = Field(1000.0, description="radiant intensity, total of the scene's bands")
     spectrum: Spectrum = "D65"
 
@@ -56,7 +56,7 @@ class CollimatedLight(Part):
         None, description="radius of the beam; 0 = pencil; left out = the whole patch"
     )
     position_mm: PositionMm | None = Field(
-        None, description="where the beam's axis meets the mean surface; left out = the patch's centre"
+        None, description="where the beam's axis meets the mean surface; left out = the patch's center"
     )
     irradiance_W_per_mm2: Power = Field(
         1.0, description="irradiance on a plane across the beam, total of the scene's bands"

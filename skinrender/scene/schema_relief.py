@@ -58,7 +58,7 @@ class HeightMapRelief(Part):
     """A measured surface; heights point outwards (up from the skin)."""
 
     kind: Literal["height_map"]
-    file: Text = Field(description="8 or 16 bit grey PNG or TIFF, or .npy, beside the scene file")
+    file: Text = Field(description="8 or 16 bit gray PNG or TIFF, or .npy, beside the scene file")
     range_um: Annotated[tuple[HeightUm, HeightUm], AfterValidator(_ascending_range)] | None = Field(
         None, description="heights that black and white stand for, of an image"
     )

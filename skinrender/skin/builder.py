@@ -32,6 +32,10 @@ _BLOCK_VOXELS = 1 << 22
 def build_volume(scene: Scene) -> SkinVolume:
     """The voxel volume that a scene describes.
 
+    Parameters
+    ----------
+    scene : its skin or slab, patch, bands, relief, lesions, sides and media around it are read.
+
     Raises
     ------
     InputError : a pattern or height map is unusable, the relief is deeper than the layers, or the volume does not fit

@@ -60,7 +60,8 @@ def regions_of(volume: SkinVolume) -> Regions:
     for top, end in zip(first, ends):
         reach = np.exp(-(z[top : end + 1] - z[top]) / LIGHT_DEPTH_MM)
         weight = reach[:-1] - reach[1:]
-        index.append(weight @ volume.refractive_index[1 + top : 1 + end] / weight.sum())
+        n = volume.refractive_index[1 + top : 1 + end]
+        index.append(n[0] + weight @ (n - n[0]) / weight.sum())  # of equal indices exactly theirs
     index.append(volume.n_below)
     heights = [volume.surface_mm]
     for top in first[1:]:

@@ -105,7 +105,17 @@ class SkinVolume:
 
 
 def save_volume(volume: SkinVolume, path: str | os.PathLike) -> None:
-    """Write a volume as npz; raises RunError when that is not possible."""
+    """Write a volume as npz, whole or not at all.
+
+    Parameters
+    ----------
+    volume : what `skinrender build` makes.
+    path : a ``volume.npz``; one that is there is replaced.
+
+    Raises
+    ------
+    RunError : the file cannot be written.
+    """
     write_npz(path, _members(volume))
 
 
@@ -133,6 +143,11 @@ def _members(volume: SkinVolume) -> dict[str, np.ndarray]:
 
 def load_volume(path: str | os.PathLike, mmap: bool = True) -> SkinVolume:
     """Read a volume and check that its parts fit together.
+
+    Parameters
+    ----------
+    path : the ``volume.npz``.
+    mmap : leave large arrays on the disk and read what is used.
 
     Raises
     ------

@@ -26,11 +26,6 @@ def test_every_option_is_explained(command):
             assert parameter.help, parameter.name
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_readme_names_the_command(command, repository):
-    assert f"| `{command}" in (repository / "README.md").read_text(encoding="utf-8")
-
-
 def test_examples_in_help_name_shipped_scenes(repository):
     for command in main.commands.values():
         for scene in re.findall(r"configs/\S+\.yaml", command.help):

@@ -21,7 +21,7 @@ def test_picture_of_the_noise_asked_for(smoke_scene, tmp_path):
     assert summary["stages_run"] == ["build", "trace", "estimate"]
     assert summary["lost"] == 0 and summary["photons_stored"] > 0
     names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert names == {"volume.npz", "section.png", "beam.exr", "beam.png", "timing.csv"}
+    assert names == {"volume.npz", "section.png", "beam.exr", "beam.png", "timing.csv", "index.html"}
     image = read_exr(tmp_path / "out" / "beam.exr")
     assert image.provenance["photon_map"]["rounds"] == summary["rounds"]
 

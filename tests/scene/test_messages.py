@@ -102,7 +102,7 @@ ADDED = {
     ),
     "missing key of a kind": (
         "camera: {kind: perspective}",
-        "scene.yaml:7:1: camera.distance_mm: missing; add it: distance from the pinhole to the centre",
+        "scene.yaml:7:1: camera.distance_mm: missing; add it: distance from the pinhole to the center",
     ),
     "key of another kind": (
         "camera: {distance_mm: 20}",
