@@ -78,10 +78,12 @@ def lateral_reach(p, height, z, region, borders, index):
     return outside, inside, slope
 
 
-@allocating_kernel
+@kernel
 def solve_snell(lateral, height, z, region, borders, index):
     """Snell invariant of the ray from `height` above the surface that gets to depth z at a horizontal distance (Newton)."""
-    low, high = 0.0, index[: region + 2].min()
+    low, high = 0.0, index[0]
+    for r in range(1, region + 2):
+        high = min(high, index[r])
     p = min(index[0] * lateral / math.sqrt(lateral * lateral + (height + z) ** 2), high * (1.0 - 1e-9))
     for _ in range(_ITERATIONS):
         outside, inside, slope = lateral_reach(p, height, z, region, borders, index)
