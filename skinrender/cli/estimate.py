@@ -7,13 +7,14 @@ from pathlib import Path
 import click
 
 from skinrender.cli.console import Console, seconds_row
-from skinrender.cli.options import as_overrides, estimating, on_scene, reporting, with_workers
+from skinrender.cli.options import as_overrides, estimating, on_cluster, on_scene, reporting, with_workers
 
 
 @click.command()
 @on_scene
 @estimating
 @with_workers
+@on_cluster
 @reporting
 def estimate(
     scene_path: Path,
@@ -23,6 +24,7 @@ def estimate(
     gather_count: int | None,
     reflectance: bool,
     workers: int | None,
+    scheduler: str | None,
     console: Console,
 ) -> None:
     """Estimate the picture of SCENE from its photon map.
@@ -41,7 +43,7 @@ def estimate(
     job = open_job(scene_path, overrides + as_overrides(method=method, gather_count=gather_count), output, console)
     with job.clock.stage("load"):
         volume, photon_map = matching_volume(job), matching_map(job)
-    summary = run_estimate(job, volume, photon_map, reflectance, workers)
+    summary = run_estimate(job, volume, photon_map, reflectance, workers, scheduler)
     job.log_seconds("estimate", workers)
     job.write_page()
     summary |= {"seconds": job.clock.seconds, "files": [str(job.exr), str(job.png), str(job.page)]}

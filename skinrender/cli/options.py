@@ -122,7 +122,7 @@ def on_cluster(function: Callable) -> Callable:
     """Add --scheduler."""
     return click.option(
         "--scheduler", metavar="ADDRESS",
-        help="Have the photons walked by a dask cluster, e.g. tcp://10.0.0.5:8786 (extra `cluster`).",
+        help="Have a dask cluster do the work, e.g. tcp://10.0.0.5:8786 (extra `cluster`).",
     )(function)  # fmt: skip
 
 

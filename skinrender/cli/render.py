@@ -97,7 +97,7 @@ def _render(
     picture = current_summary(job, estimate_provenance(job, photon_map.provenance, reflectance))
     if picture is None:
         done.append("estimate")
-        picture = run_estimate(job, volume, photon_map, reflectance, workers)
+        picture = run_estimate(job, volume, photon_map, reflectance, workers, scheduler)
     if done:
         job.log_seconds("render", workers)
     if done or not job.page.is_file():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +13,7 @@ from skinrender.cli.current import estimate_provenance
 from skinrender.cli.job import Job
 
 if TYPE_CHECKING:
+    from skinrender.engine.cluster import Cluster
     from skinrender.engine.estimate import EstimateSummary
     from skinrender.film.spectral_image import SpectralImage
     from skinrender.photonmap.photon_map import PhotonMap
@@ -41,31 +42,43 @@ def run_trace(
     """Trace the photons, here or on a cluster; returns the summary that ``trace --json`` prints."""
     from skinrender.engine.trace import trace
 
-    with contextlib.ExitStack() as stack:
-        open_executor = None
-        if scheduler is not None:
-            from skinrender.engine.cluster import connect
-
-            cluster = stack.enter_context(connect(scheduler))
-            workers, open_executor = cluster.slots, cluster.open_executor
+    with _cluster(scheduler) as cluster:
         summary = trace(
-            job.scene, job.volume, job.out, workers=workers, resume=resume, shard=shard,
-            progress=job.console.progress, clock=job.clock, open_executor=open_executor,
+            job.scene, job.volume, job.out, workers=cluster.slots if cluster else workers, resume=resume, shard=shard,
+            progress=job.console.progress, clock=job.clock, open_executor=cluster.open_executor if cluster else None,
         )  # fmt: skip
     return summary.as_json()
 
 
+@contextlib.contextmanager
+def _cluster(scheduler: str | None) -> Iterator[Cluster | None]:
+    """The cluster of a scheduler's address, None without one."""
+    if scheduler is None:
+        yield None
+        return
+    from skinrender.engine.cluster import connect
+
+    with connect(scheduler) as cluster:
+        yield cluster
+
+
 def run_estimate(
-    job: Job, volume: SkinVolume, photon_map: PhotonMap, reflectance: bool, workers: int | None
+    job: Job,
+    volume: SkinVolume,
+    photon_map: PhotonMap,
+    reflectance: bool,
+    workers: int | None,
+    scheduler: str | None = None,
 ) -> dict[str, Any]:
-    """Estimate the picture and write it; returns the summary that ``estimate --json`` prints."""
+    """Estimate the picture, here or on a cluster, and write it; returns the summary that ``estimate --json`` prints."""
     from skinrender.engine.estimate import estimate
     from skinrender.engine.lock import folder_lock
 
-    with folder_lock(job.out):
+    with folder_lock(job.out), _cluster(scheduler) as cluster:
         image, summary = estimate(
-            job.scene, volume, photon_map, threads=workers, progress=job.console.progress, clock=job.clock
-        )
+            job.scene, volume, photon_map, threads=workers, progress=job.console.progress, clock=job.clock, cluster=cluster,
+            volume_path=job.volume,
+        )  # fmt: skip
         return write_picture(job, image, summary, reflectance)
 
 

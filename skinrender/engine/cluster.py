@@ -1,8 +1,8 @@
-"""Rounds walked by the workers of a dask.distributed cluster; the only module that knows dask.
+"""Work done by the workers of a dask.distributed cluster; the only module that knows dask.
 
-A worker needs no file system in common with this machine: it gets the volume's bytes once, walks rounds in memory and
-sends them back, and they are written here, as if they had been walked here. A worker that dies costs its rounds under
-way; the scheduler gives them to another.
+A worker needs no file system in common with this machine. It gets the volume's bytes once; it walks rounds in memory and
+sends them back, and they are written here, as if they had been walked here; or it gets the photons of some bands and sends
+back what they show. A worker that dies costs what it had under way; the scheduler gives that to another.
 """
 
 from __future__ import annotations
@@ -11,18 +11,35 @@ import logging
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
-from skinrender.engine.identity import machine_identity, program_identity
-from skinrender.engine.recipe import VolumeRecipe
-from skinrender.engine.work import WalkRound
+from skinrender.engine.identity import ESTIMATE_SOURCES, machine_identity, program_identity
+from skinrender.engine.recipe import VolumeFile
 from skinrender.errors import InputError, RunError
+from skinrender.sources import sources_hash
 
 REACH_SECONDS = 5
 _OPTION = "--scheduler"
+
+
+class Work(Protocol):
+    """What a cluster can take: pieces by number, each an errand that is sent to a worker."""
+
+    @property
+    def volume_file(self) -> VolumeFile | None:
+        """The file that workers need."""
+
+    def finished(self, index: int) -> Any:
+        """What an earlier run has left of a piece, None if nothing."""
+
+    def errand(self, index: int) -> Callable[[Path | None], Any]:
+        """Picklable; called by a worker with the place of its volume file."""
+
+    def keep(self, done: Any) -> Any:
+        """What becomes, here, of what an errand returned."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,15 +49,15 @@ class Cluster:
     Parameters
     ----------
     client : a `distributed.Client`.
-    slots : rounds that it walks at once, a thread of a worker each.
+    slots : pieces of work that it does at once, a thread of a worker each.
     """
 
     client: Any
     slots: int
 
-    def open_executor(self) -> RoundExecutor:
+    def open_executor(self) -> ClusterExecutor:
         """The executor that `executor.in_order` takes in place of a process pool."""
-        return RoundExecutor(self.client, self.slots)
+        return ClusterExecutor(self.client, self.slots)
 
 
 @contextmanager
@@ -81,7 +98,7 @@ def connect(address: str) -> Iterator[Cluster]:
 @cache
 def identity() -> Mapping[str, Mapping[str, str]]:
     """What has to be alike for the bytes to be alike."""
-    return {"program": program_identity(), "processor": machine_identity()}
+    return {"program": program_identity() | {"estimate": sources_hash(ESTIMATE_SOURCES)}, "processor": machine_identity()}
 
 
 def refuse_unlike(found: Mapping[str, Any], wanted: Mapping[str, Any], worker: str) -> None:
@@ -110,21 +127,22 @@ def _identities(client: Any) -> Mapping[str, Any]:
         ) from error  # fmt: skip
 
 
-class RoundExecutor(ThreadPoolExecutor):
-    """Has rounds walked on a cluster and writes them here; a thread here waits for each round that is under way.
+class ClusterExecutor(ThreadPoolExecutor):
+    """Has work done on a cluster; a thread here waits for each piece that is under way, and keeps what comes back.
 
-    Takes the calls that `executor.in_order` makes: ``submit(call, work, index)`` with `work` a `WalkRound`.
+    Takes the calls that `executor.in_order` makes: ``submit(call, work, index)`` with `work` a `WalkRound` or `ShowBands`,
+    whose ``errand(index)`` is what travels.
     """
 
     def __init__(self, client: Any, slots: int) -> None:
-        super().__init__(slots + 1, thread_name_prefix="skinrender-round")
+        super().__init__(slots + 1, thread_name_prefix="skinrender-errand")
         self._client = client
         self._under_way: set[Any] = set()
         self._sent: dict[str, Any] = {}
 
-    def submit(self, _call: Callable, work: WalkRound, index: int) -> Future:
-        self._send_volume(work.recipe)
-        return super().submit(self._round, work, index)
+    def submit(self, _call: Callable, work: Work, index: int) -> Future:
+        self._send_volume(work.volume_file)
+        return super().submit(self._run, work, index)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Drop what is under way, and what was sent; a scheduler that is gone has dropped it already."""
@@ -136,28 +154,27 @@ class RoundExecutor(ThreadPoolExecutor):
                 self._client.unregister_worker_plugin(name)
         self._sent.clear()
 
-    def _send_volume(self, recipe: Any) -> None:
-        """Give every worker, also those that come later, the file that a recipe names."""
-        if isinstance(recipe, VolumeRecipe):
-            name = _file_name(recipe)
-            if name not in self._sent:
-                self._sent[name] = _volume_file(recipe)
-                with _cluster_errors():
-                    self._client.register_plugin(self._sent[name], name=name)
+    def _send_volume(self, file: VolumeFile | None) -> None:
+        """Give every worker, also those that come later, the file that the work needs."""
+        if file is not None and (name := _file_name(file.digest)) not in self._sent:
+            self._sent[name] = _volume_plugin(name, file.path.read_bytes())
+            with _cluster_errors():
+                self._client.register_plugin(self._sent[name], name=name)
 
-    def _round(self, work: WalkRound, index: int) -> Any:
+    def _run(self, work: Work, index: int) -> Any:
         finished = work.finished(index)
         if finished is not None:
             return finished
+        file_name = None if work.volume_file is None else _file_name(work.volume_file.digest)
         with _cluster_errors():
-            future = self._client.submit(_walk_apart, work, index, identity(), pure=False)
+            future = self._client.submit(_run_there, work.errand(index), file_name, identity(), pure=False)
             self._under_way.add(future)
             try:
-                walked = future.result()
+                done = future.result()
             finally:
                 self._under_way.discard(future)
                 future.release()
-        return work.keep(walked)
+        return work.keep(done)
 
 
 @contextmanager
@@ -169,7 +186,7 @@ def _cluster_errors() -> Iterator[None]:
         yield
     except KilledWorker as error:
         raise RunError(
-            "the cluster's workers keep dying over a round (out of memory?)\n"
+            "the cluster's workers keep dying over one piece of work (out of memory?)\n"
             "  give them more; what is finished is kept: go on with --resume"
         ) from error
     except (CancelledError, OSError) as error:
@@ -179,12 +196,12 @@ def _cluster_errors() -> Iterator[None]:
         ) from error
 
 
-def _file_name(recipe: VolumeRecipe) -> str:
-    return f"skinrender-{recipe.provenance['volume']}.npz"
+def _file_name(digest: str) -> str:
+    return f"skinrender-{digest}.npz"
 
 
-def _volume_file(recipe: VolumeRecipe) -> Any:
-    """A plugin that puts the volume's file where a worker keeps its own, when it starts or now."""
+def _volume_plugin(name: str, data: bytes) -> Any:
+    """Puts the volume's file where a worker keeps its own, when it starts or now."""
     from distributed import WorkerPlugin
 
     class _VolumeFile(WorkerPlugin):
@@ -197,16 +214,13 @@ def _volume_file(recipe: VolumeRecipe) -> Any:
         def teardown(self, worker: Any) -> None:
             (Path(worker.local_directory) / self.file).unlink(missing_ok=True)
 
-    return _VolumeFile(_file_name(recipe), recipe.volume_path.read_bytes())
+    return _VolumeFile(name, data)
 
 
-def _walk_apart(work: WalkRound, index: int, wanted: Mapping[str, Any]) -> Any:
-    """Run by a worker: one round, its photons in memory."""
+def _run_there(errand: Callable[[Path | None], Any], file_name: str | None, wanted: Mapping[str, Any]) -> Any:
+    """Run by a worker."""
     from distributed import get_worker
 
     worker = get_worker()
     refuse_unlike(identity(), wanted, worker.address)
-    if isinstance(work.recipe, VolumeRecipe):
-        path = Path(worker.local_directory) / _file_name(work.recipe)
-        work = replace(work, recipe=replace(work.recipe, volume_path=path))
-    return work.walk(index)
+    return errand(None if file_name is None else Path(worker.local_directory) / file_name)

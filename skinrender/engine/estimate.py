@@ -6,11 +6,15 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from skinrender.engine.bands import scattered_apart
 from skinrender.engine.clock import StageClock
+from skinrender.engine.identity import file_hash
+from skinrender.engine.recipe import VolumeFile
 from skinrender.engine.view import (
     View,
     depth_edges,
@@ -32,6 +36,9 @@ from skinrender.scene import Scene
 from skinrender.skin.memory import require_memory
 from skinrender.skin.regions import regions_of
 from skinrender.skin.volume import SkinVolume
+
+if TYPE_CHECKING:
+    from skinrender.engine.cluster import Cluster
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +92,8 @@ def estimate(
     threads: int | None = None,
     progress: bool = True,
     clock: StageClock | None = None,
+    cluster: Cluster | None = None,
+    volume_path: Path | None = None,
 ) -> tuple[SpectralImage, EstimateSummary]:
     """Estimate the picture of a scene from its photon map: spectral radiance of each pixel, and what is told of it.
 
@@ -97,6 +106,8 @@ def estimate(
     threads : of the estimate; all cores by default.
     progress : show a bar when on a terminal.
     clock : receives the seconds of the stage ``estimate``.
+    cluster, volume_path : a `cluster.connect`ed one whose workers look at the photons, band by band; they are sent the
+        volume's file.
 
     Raises
     ------
@@ -106,7 +117,11 @@ def estimate(
     clock = clock or StageClock()
     with clock.stage("estimate"):
         view = open_view(scene, volume, photon_map.rounds, method=method, gather_count=gather_count, threads=threads)
-        scattered = view.scattered(photon_map, progress)
+        if cluster is None:
+            scattered = view.scattered(photon_map, progress)
+        else:
+            file = VolumeFile(volume_path, file_hash(volume_path))
+            scattered = scattered_apart(cluster, view, photon_map, file, progress)
         image = view.image(scattered, {"photon_map": dict(photon_map.provenance)})
     return image, summarize(view, image, scattered, clock)
 

@@ -55,6 +55,14 @@ class HeldRecipe:
         return _described(photon_pass)
 
 
+@dataclass(frozen=True)
+class VolumeFile:
+    """A ``volume.npz``, and its bytes' SHA-256."""
+
+    path: Path
+    digest: str
+
+
 @dataclass(frozen=True, eq=False)
 class VolumeRecipe:
     """The photon pass in a volume that lies in a file.
@@ -73,6 +81,11 @@ class VolumeRecipe:
     @cached_property
     def provenance(self) -> Mapping[str, Any]:
         return _provenance(file_hash(self.volume_path), self.light, self.roulette)
+
+    @property
+    def volume_file(self) -> VolumeFile:
+        """The volume's file."""
+        return VolumeFile(self.volume_path, self.provenance["volume"])
 
     def build(self, seed: int) -> Any:
         from skinrender.photonmap.photon_pass import PhotonPass

@@ -6,8 +6,9 @@ Radiance of a pixel = light reflected by the surface + single scattering + multi
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -19,10 +20,10 @@ from skinrender.estimate.beam import estimate_beam
 from skinrender.estimate.lattice import RayLattice, fit_plane, make_lattice
 from skinrender.estimate.point import estimate_point, march_edges
 from skinrender.estimate.ray_paths import follow_rays, slab_edges, visible_depth_mm
-from skinrender.estimate.reference import Reference, estimate_reference
-from skinrender.estimate.scatter_image import ScatteredLight, batch_stderr
+from skinrender.estimate.reference import Reference, estimate_reference, remaining_bias
+from skinrender.estimate.scatter_image import BandsLight, ScatteredLight, batch_stderr, joined
 from skinrender.estimate.single import single_scattering
-from skinrender.estimate.stream import Stream
+from skinrender.estimate.stream import DepthSample, Stream, sample_depths
 from skinrender.estimate.surface import irradiance, surface_reflection
 from skinrender.estimate.view_path import LEVEL, ViewPath, make_view_path
 from skinrender.film.camera import ViewRays, view_rays
@@ -73,19 +74,31 @@ class View:
 
     def scattered(self, photon_map: PhotonMap, progress: bool = True) -> ScatteredLight:
         """The multiply scattered light that photons show."""
+        with photons_bar(len(photon_map), self.method, progress) as bar:
+            bands = np.arange(photon_map.bands)
+            return self.joined([self.of_bands(photon_map, sample_depths(photon_map), bands, bar.update)], photon_map.rounds)
+
+    def of_bands(
+        self, photon_map: PhotonMap, depths: DepthSample, bands: np.ndarray, progress: Callable[[int], None]
+    ) -> BandsLight:
+        """The multiply scattered light that the photons of some bands (n,) show.
+
+        photon_map needs to hold no others; depths: of the whole map, see `sample_depths`.
+        """
         count = self.threads or os.cpu_count() or 1
-        bar = tqdm(
-            total=len(photon_map), unit=" photons", unit_scale=True, disable=None if progress else True, desc=self.method,
-            leave=False,
-        )  # fmt: skip
-        with ThreadPoolExecutor(count) as pool, bar:
+        with ThreadPoolExecutor(count) as pool:
             if self.method == "reference":
-                camera = self.scene.camera
-                return estimate_reference(
-                    Reference(camera, self.volume, photon_map, self.y_weight, pool, count, bar.update)
-                )
-            stream = Stream(self.volume, photon_map, *self.lattices, self.y_weight, pool, count, bar.update)
-            return (estimate_beam if self.method == "beam" else estimate_point)(stream, self.gather_count)
+                reference = Reference(self.scene.camera, self.volume, photon_map, self.y_weight, pool, progress)
+                return estimate_reference(reference, bands)
+            stream = Stream(self.volume, photon_map, depths, *self.lattices, self.y_weight, pool, count, progress)
+            return (estimate_beam if self.method == "beam" else estimate_point)(stream, self.gather_count, bands)
+
+    def joined(self, parts: Sequence[BandsLight], rounds: int) -> ScatteredLight:
+        """The light of all bands, from their parts in order."""
+        light = joined(parts, rounds, self.y_weight)
+        if self.method != "reference":
+            return light
+        return replace(light, remaining=remaining_bias(self.scene.camera, self.volume, parts, light.radiance))
 
     def image(self, scattered: ScatteredLight, provenance: dict[str, Any]) -> SpectralImage:
         """The spectral picture."""
@@ -175,6 +188,13 @@ class View:
         path = make_view_path(rays.origin, rays.direction, self.volume)
         reflected = surface_reflection(path, self.volume, self.light, self.scene.finish)
         return reflected.reshape(h, subpixels, w, subpixels, bands).mean(axis=(1, 3)).reshape(h * w, bands)
+
+
+def photons_bar(photons: int, method: str, progress: bool) -> tqdm:
+    """A bar of the photons looked at, on a terminal."""
+    return tqdm(
+        total=photons, unit=" photons", unit_scale=True, disable=None if progress else True, desc=method, leave=False
+    )  # fmt: skip
 
 
 def why_no_picture(volume: SkinVolume) -> str | None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,7 @@ import numpy as np
 
 from skinrender.engine.disk import disk_errors
 from skinrender.engine.ledger import check_counts
-from skinrender.engine.recipe import Recipe
+from skinrender.engine.recipe import Recipe, VolumeFile, VolumeRecipe
 from skinrender.errors import InputError
 from skinrender.photonmap.store import RoundCounts, read_round, round_path, write_round
 
@@ -54,6 +56,15 @@ class WalkRound:
             path.unlink()
             return None
 
+    @property
+    def volume_file(self) -> VolumeFile | None:
+        """The file that a worker elsewhere needs, if any."""
+        return self.recipe.volume_file if isinstance(self.recipe, VolumeRecipe) else None
+
+    def errand(self, index: int) -> Callable[[Path | None], Any]:
+        """What a worker elsewhere is sent: walks the round in a volume that lies there."""
+        return partial(_walk_in, self, index)
+
     def walk(self, index: int) -> Any:
         """A walked round (a `photon_pass.Round`), with its photons if they are to be stored."""
         walked = photon_pass(self.recipe, self.seed, self.key).walk(index, self.histories, self.folder is not None)
@@ -66,6 +77,12 @@ class WalkRound:
             return RoundCounts(walked.index, walked.emitted, walked.stored_per_band, walked.tallies)
         with disk_errors(self.folder):
             return write_round(self.folder, self.key, walked)
+
+
+def _walk_in(work: WalkRound, index: int, volume_path: Path | None) -> Any:
+    if volume_path is not None:
+        work = replace(work, recipe=replace(work.recipe, volume_path=volume_path))
+    return work.walk(index)
 
 
 def photon_pass(recipe: Recipe, seed: int, key: str) -> Any:

@@ -17,8 +17,11 @@ import numpy as np
 from skinrender.estimate.deposit import deposit, ray_weights
 from skinrender.estimate.kernel_filter import SlabFilter
 from skinrender.estimate.radius import COLOR_STEPS, COLOR_WIDER, STEPS, gather_radius_mm, radius_levels
-from skinrender.estimate.scatter_image import MOST_BATCHES, ScatteredLight, batches_of
+from skinrender.estimate.scatter_image import MOST_BATCHES, BandsLight, batches_of
 from skinrender.estimate.stream import Band, Stream
+
+_PARTS = 8
+"""Parts that slab images are filtered in side by side: their number is fixed, as sums round by their order."""
 
 
 def beam_bytes(pixels: int, rays: int, slabs: int, bands: int, rounds: int, threads: int) -> int:
@@ -27,22 +30,24 @@ def beam_bytes(pixels: int, rays: int, slabs: int, bands: int, rounds: int, thre
     return 4 * pixels * (slabs * images + bands) + 16 * rays * slabs + 8 * pixels
 
 
-def estimate_beam(stream: Stream, gather_count: int | None) -> ScatteredLight:
+def estimate_beam(stream: Stream, gather_count: int | None, bands: np.ndarray) -> BandsLight:
     """Beam estimate of the multiply scattered light.
 
     Parameters
     ----------
     gather_count : photons that a beam should meet, on average; None: as wide as the tissue allows.
+    bands : (n,) those to estimate.
     """
     h, w = stream.shape
-    slabs, bands = stream.lattice.rays.slabs, stream.photon_map.bands
+    slabs = stream.lattice.rays.slabs
     kernels, unit = _choose_kernels(stream, gather_count), stream.power_unit
     batches = batches_of(stream.photon_map.rounds)
-    radiance, luminance = np.zeros((h, w, bands), np.float32), np.zeros((h, w))
+    radiance = np.zeros((h, w, len(bands)), np.float32)
+    luminance = None if kernels.color is None else np.zeros((h, w, len(bands)))
     y_image = np.zeros((len(batches), slabs, h * w), np.float32)
     totals = np.zeros(len(batches))
     seen = 0
-    for band in stream.bands():
+    for k, band in enumerate(stream.bands(bands)):
         visible = slice(0, band.slabs + 1)
         worth, factor = ray_weights(
             band.tau[visible], band.outside_power, stream.lattice.rays.region, stream.lattice.rays.descent,
@@ -53,16 +58,12 @@ def estimate_beam(stream: Stream, gather_count: int | None) -> ScatteredLight:
         image, count = band.over_batches(batches, add, noise.add, (band.slabs, h * w))
         seen += count
         shown = unit * _shown(stream, kernels.luminance, image, factor)
-        luminance += stream.y_weight[band.index] * shown
-        wider = shown if kernels.color is None else unit * _shown(stream, kernels.color, image, factor)
-        radiance[:, :, band.index] = wider
-    if kernels.color is not None:
-        _scale_luminance(radiance, luminance, stream.y_weight)
-    rounds = np.array([len(batch) for batch in batches])
-    scale = stream.photon_map.rounds / rounds
+        if luminance is not None:
+            luminance[:, :, k] = stream.y_weight[band.index] * shown
+            shown = unit * _shown(stream, kernels.color, image, factor)
+        radiance[:, :, k] = shown
     batch_y = np.array([_filtered(kernels.luminance, images, (h, w)).sum(axis=0) for images in y_image])
-    met = seen * kernels.pixels_met / (h * w)
-    return ScatteredLight(radiance, batch_y * scale[:, None, None], unit * totals * scale / (h * w), rounds, met)
+    return BandsLight(bands, radiance, luminance, batch_y, unit * totals, seen * kernels.pixels_met)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +80,8 @@ class _Kernels:
 
 def _choose_kernels(stream: Stream, gather_count: int | None) -> _Kernels:
     rays, volume, (h, w) = stream.lattice.rays, stream.volume, stream.shape
-    depths, photons_per_sample = stream.sampled_depths()
-    visible = int(np.sum(depths < rays.depth_edges_mm[-1]) * photons_per_sample)
+    depths, photons_each = stream.depth_sample
+    visible = int(np.sum(depths < rays.depth_edges_mm[-1]) * photons_each)
     widest = gather_radius_mm(gather_count, visible, volume.size_mm)
     spacing = stream.lattice.spacing_mm * stream.subpixels
     entry = stream.pixel_mean(rays.entry.T)[:2].T
@@ -102,18 +103,13 @@ def _shown(stream: Stream, slab_filter: SlabFilter, images: np.ndarray, factor: 
         factors = factor[slabs].reshape(-1, *stream.shape)
         return np.einsum("sij,sij->ij", _filtered(slab_filter, images[slabs], stream.shape), factors)
 
-    return np.sum(list(stream.pool.map(part, np.array_split(np.arange(len(images)), stream.threads))), axis=0)
+    parts = np.array_split(np.arange(len(images)), min(_PARTS, len(images)))
+    return np.sum(list(stream.pool.map(part, parts)), axis=0)
 
 
 def _filtered(slab_filter: SlabFilter, images: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     """Slab images (S, h w), filtered, (S, h, w)."""
     return np.array([slab_filter(image.reshape(shape).astype(np.float32)) for image in images]).reshape(-1, *shape)
-
-
-def _scale_luminance(radiance: np.ndarray, luminance: np.ndarray, y_weight: np.ndarray) -> None:
-    """Scale each pixel's spectrum (h, w, B), in place, to a luminance (h, w)."""
-    own = radiance @ y_weight
-    radiance *= np.divide(luminance, own, out=np.ones_like(own), where=own > 0.0)[:, :, None]
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,7 +38,7 @@ def is_free(heights, cells, lx, ly, highest, entry, inside, point, length, sag):
 
 @allocating_kernel
 def deposit_relief(
-    position, direction, first, last, keep, lx, ly, periodic, tissue, film, mesh, heights, cells, eta, least, image
+    position, direction, first, last, keep, lx, ly, periodic, tissue, film, mesh, heights, cells, eta, least, number, image
 ):
     """Adds the photons first..last-1 of one band to the picture.
 
@@ -54,7 +54,7 @@ def deposit_relief(
     keep : see `photon_weight`.
     tissue, film, mesh : the band's `Tissue` and `RayMesh`, and the `FilmPlane`.
     heights, cells, eta : the surface and n_outside / n_inside.
-    least : contributions below it are left to chance, see `survives`.
+    least : contributions below it are left to chance, see `survives`; number : of photon `first` there.
     image : (pixels,) added to, 1/mm2/sr.
 
     Returns the number of contributions.
@@ -91,7 +91,7 @@ def deposit_relief(
                     area = pixels_per_area(film, ux, uy, uz, distance) * cos_i / nz * spread / dz
                     phase = phase_hg(-(vx * dx + vy * dy + vz * dz), anisotropy)
                     value = weight * phase * (1.0 - reflectance) * eta * eta * area
-                    chance = survives(value * math.exp(-tissue.clearest * length), least, i, k)
+                    chance = survives(value * math.exp(-tissue.clearest * length), least, number + i - first, k)
                     if chance == 0.0 or not is_free(
                         heights, cells, lx, ly, highest, (a, b, h, ux, uy, uz, nx, ny, nz), (dx, dy, dz), (px, py, z), length,
                         mesh.sag_mm,

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from skinrender.estimate.gather_points import depth_share, gather_points
-from skinrender.estimate.scatter_image import MOST_BATCHES, ScatteredLight, batches_of
+from skinrender.estimate.scatter_image import MOST_BATCHES, BandsLight, batches_of
 from skinrender.estimate.stream import Band, Stream
 
 MARCH_MM = 0.02
@@ -42,8 +42,8 @@ def sphere_radii_mm(stream: Stream, gather_count: int | None) -> np.ndarray:
     Spheres are never so narrow that photons fall between those of neighboring steps or pixels.
     """
     edges = stream.lattice.rays.depth_edges_mm
-    depths, photons_per_sample = stream.sampled_depths()
-    count = np.histogram(depths, edges)[0] * photons_per_sample
+    depths, photons_each = stream.depth_sample
+    count = np.histogram(depths, edges)[0] * photons_each
     lx, ly = stream.volume.size_mm
     density = np.maximum(count, 1.0) / (np.diff(edges) * lx * ly)
     step = edges[1] - edges[0]
@@ -58,21 +58,22 @@ def sphere_radii_mm(stream: Stream, gather_count: int | None) -> np.ndarray:
     return np.clip(radius, narrowest, max(narrowest, widest))
 
 
-def estimate_point(stream: Stream, gather_count: int | None) -> ScatteredLight:
+def estimate_point(stream: Stream, gather_count: int | None, bands: np.ndarray) -> BandsLight:
     """Point estimate of the multiply scattered light; the lattice's slabs are the march steps (`march_edges`).
 
     Parameters
     ----------
     gather_count : photons that a sample point's sphere should hold, on average; None: the widest spheres.
+    bands : (n,) those to estimate.
     """
     h, w = stream.shape
     radius = sphere_radii_mm(stream, gather_count)
     batches = batches_of(stream.photon_map.rounds)
-    radiance = np.zeros((h, w, stream.photon_map.bands), np.float32)
+    radiance = np.zeros((h, w, len(bands)), np.float32)
     y_image = np.zeros((len(batches), h * w), np.float32)
     totals = np.zeros(len(batches))
     seen = 0
-    for band in stream.bands():
+    for k, band in enumerate(stream.bands(bands)):
         y_weight = np.float32(stream.y_weight[band.index] * stream.power_unit)
 
         def enter(batch: int, image: np.ndarray, y_weight=y_weight) -> None:
@@ -81,12 +82,9 @@ def estimate_point(stream: Stream, gather_count: int | None) -> ScatteredLight:
 
         image, count = band.over_batches(batches, _gatherer(stream, band, radius), enter, (h * w,))
         seen += count
-        radiance[:, :, band.index] = stream.power_unit * image.reshape(h, w)
-    rounds = np.array([len(batch) for batch in batches])
-    scale = stream.photon_map.rounds / rounds
-    batch_y = y_image.reshape(-1, h, w) * scale[:, None, None]
-    gathered = seen / (h * w * stream.lattice.rays.slabs)
-    return ScatteredLight(radiance, batch_y, stream.power_unit * totals * scale / (h * w), rounds, gathered)
+        radiance[:, :, k] = stream.power_unit * image.reshape(h, w)
+    met = seen / stream.lattice.rays.slabs
+    return BandsLight(bands, radiance, None, y_image.reshape(-1, h, w), stream.power_unit * totals, met)
 
 
 def side_share(point: np.ndarray, radius: np.ndarray, size_mm: tuple[float, float]) -> np.ndarray:

@@ -10,7 +10,7 @@ as the stored photons sample the in-scattered light J. The pixel's own box is th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,7 +23,7 @@ from skinrender.estimate.connect_relief import deposit_relief
 from skinrender.estimate.film_plane import FilmPlane, footprint_mm, make_film_plane
 from skinrender.estimate.left_out import share_left_out
 from skinrender.estimate.ray_mesh import make_ray_mesh
-from skinrender.estimate.scatter_image import MOST_BATCHES, ScatteredLight, batches_of
+from skinrender.estimate.scatter_image import MOST_BATCHES, BandsLight, batches_of
 from skinrender.estimate.single import merge_planes
 from skinrender.estimate.stream import over_batches, roulette_table
 from skinrender.estimate.view_path import relief_arrays
@@ -66,7 +66,7 @@ class Reference:
     ----------
     camera : the scene's.
     y_weight : (B,) luminance of one W mm^-2 sr^-1 in each band.
-    pool, threads : who works; progress : called with the number of photons done.
+    pool : who works; progress : called with the number of photons done.
     """
 
     camera: Any
@@ -74,7 +74,6 @@ class Reference:
     photon_map: PhotonMap
     y_weight: np.ndarray
     pool: ThreadPoolExecutor
-    threads: int
     progress: Callable[[int], None]
 
     @cached_property
@@ -139,7 +138,7 @@ class Reference:
             part = self.photon_map.band_slice(round_index, band)
             return kernel(
                 self.photon_map.position, self.photon_map.direction, part.start, part.stop, keep, lx, ly, periodic, tissue,
-                self.film, *special, least, image,
+                self.film, *special, least, (round_index * self.photon_map.bands + band) << 32, image,
             )  # fmt: skip
 
         return add
@@ -159,23 +158,20 @@ def _drift(film: FilmPlane, index: np.ndarray) -> np.ndarray:
     return np.concatenate([aside.min(axis=0) - _SLACK, aside.max(axis=0) + _SLACK])
 
 
-def estimate_reference(reference: Reference) -> ScatteredLight:
-    """Reference estimate of the multiply scattered light, with what may still be wrong with it.
-
-    `remaining` holds "mesh", the mesh's result over that of one half as wide, less 1; and "left_out", see `left_out`.
-    """
+def estimate_reference(reference: Reference, bands: np.ndarray) -> BandsLight:
+    """Reference estimate of the multiply scattered light in some bands (n,)."""
     photon_map, (columns, rows) = reference.photon_map, reference.camera.pixels
     pixels = rows * columns
     batches = batches_of(photon_map.rounds)
-    radiance = np.zeros((rows, columns, photon_map.bands), np.float32)
+    radiance = np.zeros((rows, columns, len(bands)), np.float32)
     batch_y = np.zeros((len(batches), pixels), np.float32)
     totals, finer = np.zeros(len(batches)), np.zeros(len(batches))
     seen = 0
 
     def work(add: Callable, enter: Callable, which: list[np.ndarray]) -> tuple[np.ndarray, int]:
-        return over_batches(reference.pool, reference.threads, which, add, enter, (pixels,))
+        return over_batches(reference.pool, which, add, enter, (pixels,))
 
-    for band in range(photon_map.bands):
+    for k, band in enumerate(bands):
         power = photon_map.power_per_band[band]
 
         def enter(batch: int, image: np.ndarray, power=power, y=reference.y_weight[band]) -> None:
@@ -187,17 +183,27 @@ def estimate_reference(reference: Reference) -> ScatteredLight:
 
         image, count = work(reference.connector(band), enter, batches)
         seen += count
-        radiance[:, :, band] = (image * power).reshape(rows, columns)
+        radiance[:, :, k] = (image * power).reshape(rows, columns)
         if reference.relief is not None:
             work(reference.connector(band, 2 * REFINE), enter_finer, batches[MESH_BATCHES])
         reference.progress(sum(_count(photon_map, index, band) for index in range(photon_map.rounds)))
-    sizes = np.array([len(batch) for batch in batches])
-    scale = photon_map.rounds / sizes
-    batch_y = batch_y.reshape(-1, rows, columns) * scale[:, None, None]
-    remaining = {"left_out": (_left_out(reference, radiance), 0.0)}
-    if reference.relief is not None:
-        remaining["mesh"] = _relative_change(totals[MESH_BATCHES], finer[: len(totals[MESH_BATCHES])])
-    return ScatteredLight(radiance, batch_y, totals * scale / pixels, sizes, seen / pixels, remaining)
+    return BandsLight(
+        bands, radiance, None, batch_y.reshape(-1, rows, columns), totals, seen, finer[: len(totals[MESH_BATCHES])]
+    )
+
+
+def remaining_bias(
+    camera: Any, volume: SkinVolume, parts: Sequence[BandsLight], radiance: np.ndarray
+) -> dict[str, tuple[float, float]]:
+    """What may still be wrong with the mean of a reference (h, w, B), relative, by name: (value, standard error).
+
+    "mesh": the mesh's result over that of one half as wide, less 1; "left_out": see `left_out`.
+    """
+    remaining = {"left_out": (_left_out(camera, volume, radiance), 0.0)}
+    if volume.has_relief:
+        coarse = np.sum([part.batch_sum[MESH_BATCHES] for part in parts], axis=0)
+        remaining["mesh"] = _relative_change(coarse, np.sum([part.batch_sum_finer for part in parts], axis=0))
+    return remaining
 
 
 def _count(photon_map: PhotonMap, index: int, band: int) -> int:
@@ -214,10 +220,10 @@ def _relative_change(ours: np.ndarray, finer: np.ndarray) -> tuple[float, float]
     return float(change.mean()), float(spread)
 
 
-def _left_out(reference: Reference, radiance: np.ndarray) -> float:
+def _left_out(camera: Any, volume: SkinVolume, radiance: np.ndarray) -> float:
     """Share of the light that may be missing as view rays are not followed on, over all bands."""
-    subpixels = max(1, round(np.sqrt(_VIEW_RAYS / np.prod(reference.camera.pixels))))
-    rays = view_rays(reference.camera, reference.volume.size_mm, subpixels)
-    share = share_left_out(rays.origin, rays.direction, reference.volume)
+    subpixels = max(1, round(np.sqrt(_VIEW_RAYS / np.prod(camera.pixels))))
+    rays = view_rays(camera, volume.size_mm, subpixels)
+    share = share_left_out(rays.origin, rays.direction, volume)
     weight = radiance.sum(axis=(0, 1), dtype=np.float64)
     return float(share @ weight / weight.sum()) if weight.any() else 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -31,6 +31,51 @@ class ScatteredLight:
     batch_rounds: np.ndarray
     gathered: float
     remaining: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class BandsLight:
+    """What the photons of some bands show: bands are independent, so they can be estimated apart and joined.
+
+    Parameters
+    ----------
+    bands : (n,) their numbers, ascending.
+    radiance : (h, w, n) f4, W mm^-2 sr^-1 in the band.
+    luminance : (h, w, n) f8 or None, luminance of each band where it is known better than by `radiance`.
+    batch_y : (batches, h, w) f4, what each batch adds to the luminance.
+    batch_sum : (batches,) what each batch adds to the radiance, summed over pixels and bands.
+    met : photons that met a ray.
+    batch_sum_finer : of a reference, `batch_sum` of some batches through a finer mesh.
+    """
+
+    bands: np.ndarray
+    radiance: np.ndarray
+    luminance: np.ndarray | None
+    batch_y: np.ndarray
+    batch_sum: np.ndarray
+    met: float
+    batch_sum_finer: np.ndarray | None = None
+
+
+def joined(parts: Sequence[BandsLight], rounds: int, y_weight: np.ndarray) -> ScatteredLight:
+    """The light of all bands; y_weight: (B,) luminance of one W mm^-2 sr^-1 in each.
+
+    Where the luminance is known better than the radiance, each pixel's spectrum is scaled to it.
+    """
+    h, w = parts[0].radiance.shape[:2]
+    radiance = np.zeros((h, w, len(y_weight)), np.float32)
+    for part in parts:
+        radiance[:, :, part.bands] = part.radiance
+    if parts[0].luminance is not None:
+        luminance = sum(part.luminance[:, :, k] for part in parts for k in range(len(part.bands)))
+        own = radiance @ y_weight
+        radiance *= np.divide(luminance, own, out=np.ones_like(own), where=own > 0.0)[:, :, None]
+    sizes = np.array([len(batch) for batch in batches_of(rounds)])
+    scale = rounds / sizes
+    batch_y = np.sum([part.batch_y for part in parts], axis=0) * scale[:, None, None]
+    batch_sum = np.sum([part.batch_sum for part in parts], axis=0)
+    met = sum(part.met for part in parts)
+    return ScatteredLight(radiance, batch_y, batch_sum * scale / (h * w), sizes, met / (h * w))
 
 
 def batches_of(rounds: int) -> list[np.ndarray]:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,6 +36,19 @@ def bands_at_once(depths: int) -> int:
     return max(1, _DEPTHS_AT_ONCE // depths)
 
 
+class DepthSample(NamedTuple):
+    """Depths of an even sample of a map's photons, and how many photons each stands for: what gather radii come from."""
+
+    z_mm: np.ndarray
+    photons_each: float
+
+
+def sample_depths(photon_map: PhotonMap) -> DepthSample:
+    """Depths below the mean surface of an even sample of the photons."""
+    step = max(1, len(photon_map) // _SAMPLE)
+    return DepthSample(np.array(photon_map.position[::step, 2]), float(step))
+
+
 @dataclass(frozen=True, eq=False)
 class Stream:
     """A photon map seen by the rays of a lattice.
@@ -52,6 +66,7 @@ class Stream:
 
     volume: SkinVolume
     photon_map: PhotonMap
+    depth_sample: DepthSample
     lattice: RayLattice
     pixel_lattice: RayLattice
     y_weight: np.ndarray
@@ -59,21 +74,14 @@ class Stream:
     threads: int
     progress: Callable[[int], None]
 
-    def bands(self) -> Iterator[Band]:
-        """Each band with its optical depths along the rays, computed some bands at a time."""
-        count = self.photon_map.bands
+    def bands(self, bands: np.ndarray) -> Iterator[Band]:
+        """Each of some bands with its optical depths along the rays, computed some bands at a time."""
         at_once = bands_at_once(self.lattice.rays.path_edges.size)
-        for first in range(0, count, at_once):
-            chosen = np.arange(first, min(first + at_once, count))
+        for first in range(0, len(bands), at_once):
+            chosen = bands[first : first + at_once]
             for band, tau in zip(chosen, self._optical_depths(chosen)):
                 yield Band(self, int(band), tau)
                 self.progress(sum(self._photons(r, band) for r in range(self.photon_map.rounds)))
-
-    def sampled_depths(self) -> tuple[np.ndarray, float]:
-        """Depths below the surface of an even sample of the photons (z where it is flat), and photons per sample."""
-        position = self.photon_map.position
-        step = max(1, len(position) // _SAMPLE)
-        return np.asarray(position[::step, 2]), float(step)
 
     @cached_property
     def relief(self) -> np.ndarray | None:
@@ -202,7 +210,7 @@ class Band:
         self, batches: list[np.ndarray], add: Callable, enter: Callable, shape: tuple[int, ...]
     ) -> tuple[np.ndarray, int]:
         """See `over_batches`."""
-        return over_batches(self.stream.pool, self.stream.threads, batches, add, enter, shape)
+        return over_batches(self.stream.pool, batches, add, enter, shape)
 
 
 def roulette_table(photon_map: PhotonMap, band: int) -> np.ndarray | None:
@@ -214,25 +222,25 @@ def roulette_table(photon_map: PhotonMap, band: int) -> np.ndarray | None:
 
 
 def over_batches(
-    pool: ThreadPoolExecutor, threads: int, batches: list[np.ndarray], add: Callable, enter: Callable, shape: tuple[int, ...]
+    pool: ThreadPoolExecutor, batches: list[np.ndarray], add: Callable, enter: Callable, shape: tuple[int, ...]
 ) -> tuple[np.ndarray, int]:
     """Run ``add(round, batch, image)`` over the rounds of each batch, then ``enter(batch, image)``.
 
-    A thread takes every n-th batch. The images are float64: a sum in float32 stops growing once it is 2^24 times what is
-    added. Returns the sum of the batches' images and of the counts that `add` returned.
+    Batches are summed in their order, so that the result is the same for any number of threads. The images are float64:
+    a sum in float32 stops growing once it is 2^24 times what is added. Returns the sum of the batches' images and of the
+    counts that `add` returned.
     """
-    threads = min(threads, len(batches))
+    total, count, free = np.zeros(shape), 0, []
 
-    def run(thread: int) -> tuple[np.ndarray, int]:
-        total, image = np.zeros(shape), np.empty(shape)
-        count = 0
-        for k in range(thread, len(batches), threads):
-            image[:] = 0.0
-            for index in batches[k]:
-                count += add(int(index), k, image)
-            enter(k, image)
-            total += image
-        return total, count
+    def run(k: int) -> tuple[np.ndarray, int]:
+        image = free.pop() if free else np.empty(shape)
+        image[:] = 0.0
+        met = sum(add(int(index), k, image) for index in batches[k])
+        enter(k, image)
+        return image, met
 
-    done = list(pool.map(run, range(threads)))
-    return np.sum([image for image, _ in done], axis=0), sum(count for _, count in done)
+    for image, met in pool.map(run, range(len(batches))):
+        total += image
+        count += met
+        free.append(image)
+    return total, count

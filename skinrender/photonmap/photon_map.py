@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -79,6 +79,18 @@ class PhotonMap:
         """Photons of one round and band."""
         first = index * self.bands + band
         return slice(*self.round_band_start[first : first + 2].tolist())
+
+    def of_bands(self, bands: np.ndarray) -> PhotonMap:
+        """A map of the photons of some bands (n,), in memory; the others are there, without photons."""
+        stored = np.diff(self.round_band_start).reshape(self.rounds, self.bands)
+        kept = np.zeros_like(stored)
+        kept[:, bands] = stored[:, bands]
+        slices = [self.band_slice(index, band) for index in range(self.rounds) for band in np.sort(bands)]
+        position, direction, band = (
+            np.concatenate([values[part] for part in slices]) for values in (self.position, self.direction, self.band)
+        )
+        start = np.concatenate([[0], np.cumsum(kept)])
+        return replace(self, position=position, direction=direction, band=band, round_band_start=start)
 
 
 def open_map(

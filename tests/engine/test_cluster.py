@@ -16,13 +16,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from skinrender.engine import work
+from skinrender.engine import bands, work
+from skinrender.engine.estimate import estimate
 from skinrender.engine.trace import trace
 from skinrender.errors import InputError, RunError
 from skinrender.photonmap import store
+from skinrender.photonmap.photon_map import open_map
 from skinrender.scene import make_scene
 from skinrender.skin.builder import build_volume
-from skinrender.skin.volume import save_volume
+from skinrender.skin.volume import load_volume, save_volume
 
 distributed = pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
 
@@ -205,3 +207,39 @@ def test_counts_alone_travel_back_too():
     counts = store.RoundCounts(0, np.ones(1, int), np.zeros(1, int), np.zeros((1, 20), int))
     kept = work.WalkRound(None, 1, np.ones(1), "key", None).keep(counts)
     assert kept.index == 0 and kept.stored == 0
+
+
+@pytest.mark.slow
+def test_a_cluster_makes_the_same_picture_through_a_workers_death(local_cluster, tmp_path, monkeypatch):
+    skin = {
+        "patch": {"size_mm": [2, 2], "columns": [40, 40]}, "bands_nm": {"start": 400, "stop": 700, "step": 20},
+        "skin": {"site": "forearm"}, "light": {"kind": "point", "height_mm": 100},
+        "camera": {"kind": "orthographic", "pixels": [24, 24]}, "photons": {"stored": 2e6},
+    }  # fmt: skip
+    monkeypatch.setattr(bands, "PART_PHOTONS", 1)
+    scene, path = make_scene(skin), tmp_path / "volume.npz"
+    save_volume(build_volume(scene), path)
+    trace(scene, path, tmp_path, workers=1, progress=False)
+    photon_map = open_map(tmp_path / "photons.npz")
+    here, told_here = estimate(scene, load_volume(path), photon_map, progress=False)
+    kept, keep = [], bands.ShowBands.keep
+
+    with connect(local_cluster.scheduler_address) as cluster:
+        pid = next(iter(cluster.client.run(os.getpid).values()))
+
+        def kill_one_midway(self, light):
+            kept.append(int(light.bands[0]))
+            if len(kept) == 3:
+                os.kill(pid, signal.SIGKILL)
+            return keep(self, light)
+
+        monkeypatch.setattr(bands.ShowBands, "keep", kill_one_midway)
+        there, told_there = estimate(
+            scene, load_volume(path), photon_map, progress=False, cluster=cluster, volume_path=path
+        )
+        cluster.client.wait_for_workers(2, timeout=30)
+        assert pid not in cluster.client.run(os.getpid).values()
+    assert sorted(kept) == list(range(16))
+    assert np.array_equal(there.radiance, here.radiance) and np.array_equal(there.multiple_Y, here.multiple_Y)
+    np.testing.assert_allclose(there.stderr_Y, here.stderr_Y, rtol=1e-4)
+    assert told_there.mean_radiance == told_here.mean_radiance

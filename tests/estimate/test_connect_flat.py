@@ -112,7 +112,7 @@ def test_a_handful_of_photons_by_hand(name):
     tissue = Tissue(palette, np.append(BORDERS, 1.0), mu_t, g, 2.0, np.inf)
     image = np.zeros(1600, np.float32)
     box = np.array([-5.0, -5.0, 5.0, 5.0])
-    deposit_flat(position, code, 0, 4, None, *SIZE, False, tissue, film, box, np.zeros(4), BORDERS, INDEX, 0.0, image)
+    deposit_flat(position, code, 0, 4, None, *SIZE, False, tissue, film, box, np.zeros(4), BORDERS, INDEX, 0.0, 0, image)
     expected = np.zeros(1600)
     for k in range(4):
         points, inside, passed = trace(rays.origin, rays.direction, z[k])
