@@ -154,7 +154,8 @@ def add_depth_along(tissue, lx, ly, x, y, z, region, ex, ey, p, borders, index, 
 
 @allocating_kernel
 def deposit_flat(
-    position, direction, first, last, keep, lx, ly, periodic, tissue, film, box, drift, borders, index, least, number, image
+    position, direction, first, last, keep, lx, ly, periodic, tissue, film, box, drift, borders, index, least, number,
+    image,
 ):
     """Adds the photons first..last-1 of one band to the picture.
 
@@ -196,7 +197,8 @@ def deposit_flat(
                 sine = math.sqrt(max(0.0, 1.0 - dz * dz))
                 phase = phase_hg(-(vx * ex * sine + vy * ey * sine + vz * dz), anisotropy)
                 value = weight * phase * passed * area / dz
-                chance = survives(value * math.exp(-tissue.clearest * z), least, number + i - first, 8 * (kx - x_first) + ky - y_first)
+                image_number = 8 * (kx - x_first) + ky - y_first
+                chance = survives(value * math.exp(-tissue.clearest * z), least, number + i - first, image_number)
                 if chance > 0.0:
                     tau[0] = 0.0
                     add_depth_along(tissue, lx, ly, entry_x, entry_y, z, region, ex, ey, p, borders, index, tau)

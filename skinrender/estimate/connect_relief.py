@@ -38,7 +38,8 @@ def is_free(heights, cells, lx, ly, highest, entry, inside, point, length, sag):
 
 @allocating_kernel
 def deposit_relief(
-    position, direction, first, last, keep, lx, ly, periodic, tissue, film, mesh, heights, cells, eta, least, number, image
+    position, direction, first, last, keep, lx, ly, periodic, tissue, film, mesh, heights, cells, eta, least, number,
+    image,
 ):
     """Adds the photons first..last-1 of one band to the picture.
 
