@@ -21,13 +21,14 @@ from skinrender.estimate.scatter_image import MOST_BATCHES, BandsLight, batches_
 from skinrender.estimate.stream import Band, Stream
 
 _PARTS = 8
-"""Parts that slab images are filtered in side by side: their number is fixed, as sums round by their order."""
+"""Parts in which photons are deposited and images filtered side by side: as many for any number of threads, since the
+order of a sum decides how it is rounded."""
 
 
 def beam_bytes(pixels: int, rays: int, slabs: int, bands: int, rounds: int, threads: int) -> int:
-    """What `estimate_beam` holds beside its stream: slab images of batches and threads, worths of rays, the picture."""
-    images = min(rounds, MOST_BATCHES) + 6 * threads + 4  # those of threads are float64
-    return 4 * pixels * (slabs * images + bands) + 16 * rays * slabs + 8 * pixels
+    """What `estimate_beam` holds beside its stream: slab images, worths of rays, luminance of batches, the picture."""
+    images = 2 * (_PARTS + 1) + 4  # those of parts are float64
+    return 4 * pixels * (slabs * images + bands + 4 * min(rounds, MOST_BATCHES)) + 16 * rays * slabs + 8 * pixels
 
 
 def estimate_beam(stream: Stream, gather_count: int | None, bands: np.ndarray) -> BandsLight:
@@ -39,31 +40,23 @@ def estimate_beam(stream: Stream, gather_count: int | None, bands: np.ndarray) -
     bands : (n,) those to estimate.
     """
     h, w = stream.shape
-    slabs = stream.lattice.rays.slabs
     kernels, unit = _choose_kernels(stream, gather_count), stream.power_unit
     batches = batches_of(stream.photon_map.rounds)
     radiance = np.zeros((h, w, len(bands)), np.float32)
     luminance = None if kernels.color is None else np.zeros((h, w, len(bands)))
-    y_image = np.zeros((len(batches), slabs, h * w), np.float32)
-    totals = np.zeros(len(batches))
+    noise = _Noise(np.zeros((len(batches), h * w)), np.zeros(len(batches)))
     seen = 0
     for k, band in enumerate(stream.bands(bands)):
-        visible = slice(0, band.slabs + 1)
-        worth, factor = ray_weights(
-            band.tau[visible], band.outside_power, stream.lattice.rays.region, stream.lattice.rays.descent,
-            stream.lattice.bin_area, stream.pixel_of, h * w,
-        )  # fmt: skip
-        noise = _Noise(factor, np.float32(stream.y_weight[band.index] * unit), y_image, totals)
-        add = _depositor(stream, band, worth)
-        image, count = band.over_batches(batches, add, noise.add, (band.slabs, h * w))
+        worth, factor = _ray_weights(stream, band)
+        image, count = _deposit_band(stream, band, batches, worth, factor, noise)
         seen += count
         shown = unit * _shown(stream, kernels.luminance, image, factor)
         if luminance is not None:
             luminance[:, :, k] = stream.y_weight[band.index] * shown
             shown = unit * _shown(stream, kernels.color, image, factor)
         radiance[:, :, k] = shown
-    batch_y = np.array([_filtered(kernels.luminance, images, (h, w)).sum(axis=0) for images in y_image])
-    return BandsLight(bands, radiance, luminance, batch_y, unit * totals, seen * kernels.pixels_met)
+    batch_y = (unit * _filtered(kernels.luminance, noise.y_image, (h, w))).astype(np.float32)
+    return BandsLight(bands, radiance, luminance, batch_y, unit * noise.light, seen * kernels.pixels_met)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,33 +107,60 @@ def _filtered(slab_filter: SlabFilter, images: np.ndarray, shape: tuple[int, int
 
 @dataclass(frozen=True, eq=False)
 class _Noise:
-    """Enters each batch's slab images on their own, for the standard error.
+    """What the photons of each batch show on their own, for the standard error, in the stream's unit of power.
 
-    factor (S, pixels) and y_weight of the band; y_image (batches, S, pixels) f4 and totals (batches,) are added to.
+    y_image (batches, pixels): luminance before the filter. It holds all slabs, as one kernel filters them; with the pixel's
+    factor inside the filter instead of outside, which matters to the light but not to its noise.
+    light (batches,): radiance summed over pixels and bands.
     """
 
-    factor: np.ndarray
-    y_weight: np.float32
     y_image: np.ndarray
-    totals: np.ndarray
-
-    def add(self, batch: int, image: np.ndarray) -> None:
-        shown = image * self.factor
-        self.totals[batch] += shown.sum()
-        shown *= self.y_weight
-        self.y_image[batch, : len(shown)] += shown
+    light: np.ndarray
 
 
-def _depositor(stream: Stream, band: Band, worth: np.ndarray):
-    """The function that deposits one round of a band."""
+def _ray_weights(stream: Stream, band: Band) -> tuple[np.ndarray, np.ndarray]:
+    """`ray_weights` of a band, each thread some slabs."""
+    rays, pixels = stream.lattice.rays, int(np.prod(stream.shape))
+    worth = np.empty((band.slabs, len(rays.hit), 2), np.float32)
+    factor = np.zeros((band.slabs, pixels), np.float32)
+    outside = band.outside_power.astype(np.float32)
+
+    def of_slab(slab: int) -> None:
+        ray_weights(
+            slab, band.tau, outside[rays.region[slab]], rays.descent, stream.lattice.bin_area, stream.pixel_of, worth, factor
+        )
+
+    list(stream.pool.map(of_slab, range(band.slabs)))
+    return worth, factor
+
+
+def _deposit_band(
+    stream: Stream, band: Band, batches: list[np.ndarray], worth: np.ndarray, factor: np.ndarray, noise: _Noise
+) -> tuple[np.ndarray, int]:
+    """Slab images (S, pixels) of a band's photons, and the number of contributions; enters their noise.
+
+    The batches are shared out to a fixed number of images, so that the sum is the same for any number of threads. They
+    are float64: a sum in float32 stops growing once it is 2^24 times what is added.
+    """
     lattice, rays = stream.lattice, stream.lattice.rays
     palette, g = band.anisotropy
 
-    def add(index: int, batch: int, image: np.ndarray) -> int:
-        return deposit(
-            *band.photons(index), rays.depth_edges_mm[: band.slabs + 1], rays.region, lattice.to_lattice, lattice.bounds,
-            lattice.only_ray, lattice.bin_start, lattice.ray_of, rays.direction, worth, stream.pixel_of, *lattice.shape,
-            palette, stream.volume.z_edges_mm, g, image,
-        )  # fmt: skip
+    def run(part: int) -> tuple[np.ndarray, int]:
+        image, count = np.zeros(factor.shape), 0
+        for k in range(part, len(batches), _PARTS):
+            for index in batches[k]:
+                met, light = deposit(
+                    *band.photons(index), rays.depth_edges_mm[: band.slabs + 1], rays.region, lattice.to_lattice,
+                    lattice.bounds, lattice.only_ray, lattice.bin_start, lattice.ray_of, rays.direction, worth,
+                    stream.pixel_of, *lattice.shape, palette, stream.volume.z_edges_mm, g, factor,
+                    stream.y_weight[band.index], image, noise.y_image[k],
+                )  # fmt: skip
+                count += met
+                noise.light[k] += light
+        return image, count
 
-    return add
+    total, count = np.zeros(factor.shape), 0
+    for image, met in stream.pool.map(run, range(min(_PARTS, len(batches)))):
+        total += image
+        count += met
+    return total, count

@@ -67,9 +67,9 @@ MOST_RISE = 40.0
 BLOCK = 256
 
 
-@allocating_kernel
-def ray_weights(tau, outside_power, region, descent, bin_area, pixel_of, pixels):
-    """What a photon's connection to a ray is worth, in two factors.
+@kernel
+def ray_weights(slab, tau, outside_power, descent, bin_area, pixel_of, worth, factor):
+    """What a photon's connection to a ray is worth in one slab, in two factors.
 
     The filter must blur the light alone and nothing that belongs to the ray: neither its transmittance nor, on a relief,
     its refraction and tilt, which go together with the transmittance. So what a pixel's rays are worth on average at
@@ -77,33 +77,27 @@ def ray_weights(tau, outside_power, region, descent, bin_area, pixel_of, pixels)
 
     Parameters
     ----------
-    tau : (S + 1, Q) optical depth of the rays at the slab edges.
-    outside_power : (R, Q) power of a photon times the factor from radiance inside to radiance outside.
-    region (S,), descent (S, Q), bin_area (S,) : of the rays and their bins.
-    pixel_of : (Q,) pixel of each ray; pixels: their number.
-
-    Returns
-    -------
-    worth : (S, Q, 2) f4, before the filter: DROP, the optical depth across the slab along the ray, and WEIGHT, the ray's
-        worth relative to its pixel's / bin area. Side by side, as each costs a cache miss.
-    factor : (S, pixels) f4, after it: transmittance to mid-slab x outside power / descent, mean over the pixel's rays.
+    tau : (S + 1, Q) f4, optical depth of the rays at the slab edges.
+    outside_power : (Q,) f4, power of a photon times the factor from radiance inside to radiance outside.
+    descent (S, Q) f4, bin_area (S,) : of the rays and their bins.
+    pixel_of : (Q,) pixel of each ray.
+    worth : (S, Q, 2) f4, row `slab` filled; before the filter: DROP, the optical depth across the slab along the ray, and
+        WEIGHT, the ray's worth relative to its pixel's / bin area. Side by side, as each costs a cache miss.
+    factor : (S, pixels) f4, added to; after it: transmittance to mid-slab x outside power / descent, mean over the pixel's
+        rays.
     """
-    slabs, count = tau.shape[0] - 1, tau.shape[1]
-    worth = np.empty((slabs, count, 2), np.float32)
-    factor = np.zeros((slabs, pixels), np.float32)
+    count, pixels = tau.shape[1], factor.shape[1]
     half = np.float32(0.5)
-    rays_per_pixel = count // pixels
-    for s in range(slabs):
-        for q in range(count):
-            passed = np.exp(-half * (tau[s, q] + tau[s + 1, q]))
-            own = passed * outside_power[region[s], q] / descent[s, q]
-            worth[s, q, DROP], worth[s, q, WEIGHT] = tau[s + 1, q] - tau[s, q], own
-            factor[s, pixel_of[q]] += own / rays_per_pixel
-        share = 1.0 / (rays_per_pixel * bin_area[s])
-        for q in range(count):
-            mean = factor[s, pixel_of[q]]
-            worth[s, q, WEIGHT] = worth[s, q, WEIGHT] / mean * share if mean > 0.0 else 0.0
-    return worth, factor
+    share = np.float32(pixels / count)
+    for q in range(count):
+        above, below = tau[slab, q], tau[slab + 1, q]
+        own = np.exp(-half * (above + below)) * outside_power[q] / descent[slab, q]
+        worth[slab, q, DROP], worth[slab, q, WEIGHT] = below - above, own
+        factor[slab, pixel_of[q]] += own * share
+    share = np.float32(share / bin_area[slab])
+    for q in range(count):
+        mean = factor[slab, pixel_of[q]]
+        worth[slab, q, WEIGHT] = worth[slab, q, WEIGHT] / mean * share if mean > 0.0 else np.float32(0.0)
 
 
 @kernel
@@ -163,12 +157,21 @@ def find_cells(
     return i, n
 
 
+@kernel
+def add_light(image, y_image, factor, y_weight, slab, pixel, value):
+    """Enters a contribution; returns it with the pixel's factor."""
+    image[slab, pixel] += value
+    shown = value * factor[slab, pixel]
+    y_image[pixel] += shown * y_weight
+    return shown
+
+
 @allocating_kernel
 def deposit(
     position, direction, first, last, keep, z_top, lx, ly, periodic, relief, edges, region, to_lattice, bounds, only_ray,
-    start, rays, ray_direction, worth, pixel_of, h, w, palette_index, z_edges, g, image,
+    start, rays, ray_direction, worth, pixel_of, h, w, palette_index, z_edges, g, factor, y_weight, image, y_image,
 ):
-    """Adds the photons first..last-1 of one band to the slab images.
+    """Adds the photons first..last-1 of one band to the slab images, and what they show to the luminance of their batch.
 
     In passes over blocks of photons: which bin, which ray, what it is worth. Every table is larger than the cache, and
     only when a pass does nothing but look up do the processor's misses overlap.
@@ -182,16 +185,19 @@ def deposit(
     worth : of `ray_weights`; pixel_of (Q,): pixel of each ray.
     palette_index, z_edges : the voxels, or None when g is the same everywhere.
     g : (P,) anisotropy in the band.
-    image : (S, pixels) f8, added to: radiance outside but for the factor of `ray_weights`.
+    factor : (S, pixels) of `ray_weights`; y_weight: luminance of the band.
+    image : (S, pixels) f8, added to: radiance outside but for the factor.
+    y_image : (pixels,) f8, added to: luminance, not filtered. A batch holds fewer photons than slab images have pixels, so
+        that images of its own, cleared and summed for every band, took longer than the photons.
 
-    Returns the number of contributions.
+    Returns the number of contributions and their sum, with the factor.
     """
     room = BLOCK + 1
     if periodic:
         tiles_x, tiles_y = (bounds[:, 2] - bounds[:, 0]).max() / lx, (bounds[:, 3] - bounds[:, 1]).max() / ly
         room = BLOCK + (int(tiles_x) + 2) * (int(tiles_y) + 2)
     entry, cell_of, ray = np.empty((room, 6)), np.empty((room, 2), np.int64), np.empty(room, np.int64)
-    contributions = 0
+    contributions, light = 0, 0.0
     i = first
     while i < last:
         i, n = find_cells(
@@ -216,10 +222,10 @@ def deposit(
                         slab, q, entry[k, 0], entry[k, 1], entry[k, 2], entry[k, 3], entry[k, 5], region, ray_direction,
                         worth,
                     )  # fmt: skip
-                    image[slab, pixel_of[q]] += entry[k, 4] * value
+                    light += add_light(image, y_image, factor, y_weight, slab, pixel_of[q], entry[k, 4] * value)
                     contributions += 1
         for k in range(n):
             if ray[k] >= 0:
-                image[cell_of[k, 0], ray[k]] += entry[k, 0]
+                light += add_light(image, y_image, factor, y_weight, cell_of[k, 0], ray[k], entry[k, 0])
                 contributions += 1
-    return contributions
+    return contributions, light

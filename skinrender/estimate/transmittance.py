@@ -5,8 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from skinrender.estimate.ray_paths import RayPaths
-from skinrender.transport import allocating_kernel
+from skinrender.transport import allocating_kernel, kernel
 from skinrender.transport.optical_depth import add_optical_depth
+
+TILE = 16
+"""Rays whose optical depths are written together: one cache line of each band and slab edge."""
 
 
 @allocating_kernel
@@ -17,23 +20,41 @@ def view_optical_depth(
 
     mu_t (P, B): the bands wanted. Beyond `deepest` a ray is not followed voxel by voxel; its depth grows as before.
     """
-    slabs = path_edges.shape[0] - 1
-    tau = np.zeros(mu_t.shape[1])
-    for q in range(first, last):
-        if not hit[q]:
-            continue
-        x, y, z = entry[q]
-        tau[:] = 0.0
-        for s in range(slabs):
-            ux, uy, uz = direction[region[s], q]
-            length = path_edges[s + 1, q] - path_edges[s, q]
-            if tau.min() < deepest:
-                add_optical_depth(palette_index, z_edges, lx, ly, mu_t, x, y, z, ux, uy, uz, length, tau)
+    slabs, bands = path_edges.shape[0] - 1, mu_t.shape[1]
+    tau = np.zeros((TILE, slabs, bands))
+    for start in range(first, last, TILE):
+        stop = min(start + TILE, last)
+        for q in range(start, stop):
+            if hit[q]:
+                _follow(
+                    palette_index, z_edges, lx, ly, mu_t, entry, direction, region, path_edges, deepest, q, tau[q - start]
+                )
             else:
-                tau += deepest
-            x, y, z = x + length * ux, y + length * uy, z + length * uz
-            for b in range(tau.size):
-                depth[b, s + 1, q] = tau[b]
+                tau[q - start] = 0.0
+        for b in range(bands):
+            for s in range(slabs):
+                for q in range(start, stop):
+                    depth[b, s + 1, q] = tau[q - start, s, b]
+
+
+@kernel
+def _follow(palette_index, z_edges, lx, ly, mu_t, entry, direction, region, path_edges, deepest, q, tau):
+    """Optical depth of ray q at the lower edge of each slab, into tau (S, B)."""
+    slabs, bands = tau.shape
+    x, y, z = entry[q, 0], entry[q, 1], entry[q, 2]
+    for s in range(slabs):
+        clearest = np.inf
+        for b in range(bands):
+            tau[s, b] = tau[s - 1, b] if s else 0.0
+            clearest = min(clearest, tau[s, b])
+        ux, uy, uz = direction[region[s], q, 0], direction[region[s], q, 1], direction[region[s], q, 2]
+        length = path_edges[s + 1, q] - path_edges[s, q]
+        if clearest < deepest:
+            add_optical_depth(palette_index, z_edges, lx, ly, mu_t, x, y, z, ux, uy, uz, length, tau[s])
+        else:
+            for b in range(bands):
+                tau[s, b] += deepest
+        x, y, z = x + length * ux, y + length * uy, z + length * uz
 
 
 def allocate(rays: RayPaths, bands: int) -> np.ndarray:
