@@ -16,6 +16,7 @@ from tqdm import tqdm
 
 from skinrender.errors import InputError
 from skinrender.estimate.beam import estimate_beam
+from skinrender.estimate.guide import patterns
 from skinrender.estimate.lattice import RayLattice, fit_plane, make_lattice
 from skinrender.estimate.point import estimate_point, march_edges
 from skinrender.estimate.ray_paths import follow_rays, slab_edges, visible_depth_mm
@@ -23,7 +24,7 @@ from skinrender.estimate.reference import Reference, estimate_reference
 from skinrender.estimate.scatter_image import ScatteredLight, batch_stderr
 from skinrender.estimate.single import single_scattering
 from skinrender.estimate.stream import Stream
-from skinrender.estimate.surface import irradiance, surface_reflection
+from skinrender.estimate.surface import entering_light, irradiance, surface_reflection
 from skinrender.estimate.view_path import LEVEL, ViewPath, make_view_path
 from skinrender.film.camera import ViewRays, view_rays
 from skinrender.film.color import exposure_for, y_weights
@@ -85,7 +86,19 @@ class View:
                     Reference(camera, self.volume, photon_map, self.y_weight, pool, count, bar.update)
                 )
             stream = Stream(self.volume, photon_map, *self.lattices, self.y_weight, pool, count, bar.update)
-            return (estimate_beam if self.method == "beam" else estimate_point)(stream, self.gather_count)
+            if self.method == "point":
+                return estimate_point(stream, self.gather_count)
+            return estimate_beam(stream, self.gather_count, self.guides(stream) if self.volume.has_relief else None)
+
+    def guides(self, stream: Stream) -> np.ndarray:
+        """The guides of a relief's light, see `estimate.guide`."""
+        rays = stream.lattice.rays
+        entering = entering_light(rays.entry, rays.hit, self.volume, self.light)
+        pixels = [
+            None if values is None else stream.pixel_mean(values).reshape(stream.shape)
+            for values in (entering, rays.entry[:, 2])
+        ]
+        return patterns(*pixels, stream.lattice.spacing_mm * stream.subpixels, stream.covers_patch)
 
     def image(self, scattered: ScatteredLight, provenance: dict[str, Any]) -> SpectralImage:
         """The spectral picture."""

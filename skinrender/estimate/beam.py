@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skinrender.estimate.deposit import deposit, ray_weights
+from skinrender.estimate.guide import modulations, restored
 from skinrender.estimate.kernel_filter import SlabFilter
 from skinrender.estimate.radius import COLOR_STEPS, COLOR_WIDER, STEPS, gather_radius_mm, radius_levels
 from skinrender.estimate.scatter_image import MOST_BATCHES, ScatteredLight, batches_of
@@ -27,12 +28,13 @@ def beam_bytes(pixels: int, rays: int, slabs: int, bands: int, rounds: int, thre
     return 4 * pixels * (slabs * images + bands + 4 * min(rounds, MOST_BATCHES)) + 16 * rays * slabs + 8 * pixels
 
 
-def estimate_beam(stream: Stream, gather_count: int | None) -> ScatteredLight:
+def estimate_beam(stream: Stream, gather_count: int | None, guides: np.ndarray | None = None) -> ScatteredLight:
     """Beam estimate of the multiply scattered light.
 
     Parameters
     ----------
     gather_count : photons that a beam should meet, on average; None: as wide as the tissue allows.
+    guides : (K, h, w) of a relief, see `guide`; None where it is flat.
     """
     h, w = stream.shape
     bands = stream.photon_map.bands
@@ -54,6 +56,11 @@ def estimate_beam(stream: Stream, gather_count: int | None) -> ScatteredLight:
     rounds = np.array([len(batch) for batch in batches])
     scale = stream.photon_map.rounds / rounds
     batch_y = unit * scale[:, None, None] * _filtered(kernels.luminance, noise.y_image, (h, w))
+    if guides is not None:
+        changes = modulations(guides, kernels.luminance)
+        factor = restored(luminance, unit * noise.y_image.sum(axis=0).reshape(h, w), changes)
+        batch_y *= factor
+        radiance *= factor[:, :, None].astype(np.float32)
     met = seen * kernels.pixels_met / (h * w)
     return ScatteredLight(radiance, batch_y.astype(np.float32), unit * noise.light * scale / (h * w), rounds, met)
 
