@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from skinrender.engine.view import View
+from skinrender.film.color import delta_e
 from skinrender.film.spectral_image import SpectralImage
 from skinrender.photonmap.from_rounds import map_from_rounds
 from skinrender.photonmap.light import light_from_scene
@@ -35,6 +36,9 @@ CASES = {
     "slab_blue_matched": (170_000, 0.33851), "fig12_epidermal": (2000, None),
 }  # fmt: skip
 """Histories of a band and round near the wanted noise; mean radiance known, W mm^-2 sr^-1."""
+COLORED, COLOR_HISTORIES = ("fig12_epidermal",), (125, 500, 2000)
+MORE_THAN_THERE_ARE = 10**9
+"""A gather count of the widest kernel, which is then that of the spectra too."""
 PER_PHOTON = ("slab_red", "slab_blue", "fig12_epidermal")
 
 
@@ -62,9 +66,9 @@ class Case:
             walked = list(pool.map(lambda index: photon_pass.walk(index, per_band, True), range(ROUNDS)))
         return map_from_rounds(photon_pass, walked)
 
-    def picture(self, photons: PhotonMap, method: str = "beam") -> SpectralImage:
-        """What the camera sees, from nothing but the volume."""
-        view = View(self.scene, self.volume, method, None, self.threads)
+    def picture(self, photons: PhotonMap, gather_count: int | None = None) -> SpectralImage:
+        """What the camera sees by beam, from nothing but the volume."""
+        view = View(self.scene, self.volume, "beam", gather_count, self.threads)
         return view.image(view.scattered(photons, False), {})
 
 
@@ -129,6 +133,19 @@ def to_noise(name: str, case: Case, histories: int, known: float | None, seeds: 
     return rows
 
 
+def color_noise(name: str, case: Case, histories: int) -> str:
+    """A row: CIEDE2000 of a pixel between two seeds over root 2, one kernel for all and a wider one for the spectra's shape."""
+    one, two, seconds = [], [], []
+    for seed in (1, 2):
+        photons, walk = clocked(lambda seed=seed: case.walk(histories, seed))
+        image, show = clocked(lambda photons=photons: case.picture(photons))
+        seconds.append(walk.wall + show.wall)
+        two.append(image.lab())
+        one.append(case.picture(photons, MORE_THAN_THERE_ARE).lab())
+    noise = [float(delta_e(*labs).mean()) / math.sqrt(2.0) for labs in (one, two)]
+    return f"{name:18} {len(photons) / 1e6:9.2f} {np.mean(seconds):9.2f} {noise[0]:12.2f} {noise[1]:12.2f}"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scenes", nargs="*", default=list(CASES), help=f"of {', '.join(CASES)}")
@@ -137,11 +154,15 @@ def main() -> None:
     options = parser.parse_args()
     cases = {name: open_case(name, options.threads) for name in options.scenes}
     print("scene              method  M photons fixed s    CPU s  ns/photon    ns/pair", flush=True)
-    for name in set(PER_PHOTON) & set(cases):
+    for name in [name for name in PER_PHOTON if name in cases]:
         print("\n".join(per_photon(name, cases[name], max(1000, CASES[name][0] // 20))), flush=True)
     print("\nscene              seed   walk s picture s      noise  s to 1e-3    CPU / 2 mean off %", flush=True)
     for name, case in cases.items():
         print("\n".join(to_noise(name, case, *CASES[name], options.seeds)), flush=True)
+    print("\nscene              M photons   seconds  dE00, one kernel  two", flush=True)
+    for name in [name for name in COLORED if name in cases]:
+        for histories in COLOR_HISTORIES:
+            print(color_noise(name, cases[name], histories), flush=True)
 
 
 if __name__ == "__main__":
