@@ -3,6 +3,7 @@
 # make smoke       two small pictures in seconds, checked
 # make figures     the paper's figures 10, 12, 13, 14 by the beam estimate; PHOTONS=3.24e8 is the paper's size
 # make table1      the paper's table 1: seconds of each stage, point against beam
+# make methods     figures 12 and 14 by beam, point and reference beside each other, with differences: out/methods
 # make error-time  error against run time on two scenes of 64 x 64 pixels, at most about half an hour: a page in out/error_time
 # make measured-skin  the presets beside measured skin: table and plot in out/measured_skin
 # make lesion-table   color of lesions by depth and amount, and how deep light goes: out/lesion_table
@@ -15,10 +16,11 @@
 # make check       the photon walk against the tables of layered slabs, quantity by quantity
 # make cross-check pictures against Mitsuba, absorption against MCX (installs the extra interop; MCX wants an OpenCL device)
 # make docs        the documentation as a site, in site/
-# make bench       speed of the photon walk beside the floor of this machine; seconds that `plan` predicts against measured
+# make bench       speed of the photon walk beside the floor of this machine, of the estimates, and `plan` against measured
 # make bench-leave-out  time and memory of each feature: pairs of scenes with and without it
 PYTHON ?= python3
 PHOTONS ?= 5e7
+METHODS_PHOTONS ?= 5e6
 TRIES ?= 200
 FUZZ_SECONDS ?= 60
 VENV := .venv
@@ -29,7 +31,7 @@ METHODS := point beam
 ERROR_TIME_SCENES := configs/slab_blue.yaml configs/fig12_epidermal.yaml
 SECONDS ?= 1500
 
-.PHONY: setup test test-all check stability search smoke figures table1 error-time measured-skin lesion-table fit-tones \
+.PHONY: setup test test-all check stability search smoke figures methods table1 error-time measured-skin lesion-table fit-tones \
   faults fuzz cross-check docs bench bench-leave-out clean $(FIGURES)
 
 setup: $(INSTALLED)
@@ -77,6 +79,15 @@ table1: $(INSTALLED)
 	$(BIN)/python -m skinrender.analysis.table1 out/table1/point out/table1/beam > out/table1/table1.md
 	cat out/table1/table1.md
 
+methods: $(INSTALLED)
+	for scene in fig12_epidermal fig14_deep; do \
+	  for method in beam point reference; do \
+	    $(BIN)/skinrender render configs/$$scene.yaml --method $$method --photons $(METHODS_PHOTONS) \
+	      --set 'camera.pixels=[100,100]' -o out/methods/$$scene || exit; \
+	  done; \
+	  $(BIN)/python -m skinrender.analysis.method_pictures out/methods/$$scene out/methods/$$scene.png || exit; \
+	done
+
 error-time: $(INSTALLED)
 	$(BIN)/skinrender report $(ERROR_TIME_SCENES) --set 'camera.pixels=[64,64]' \
 	  --photons 1e4 --photons 1e5 --photons 1e6 --photons 1e7 --target-seconds $(SECONDS) -o out/error_time
@@ -106,6 +117,7 @@ fuzz: $(INSTALLED)
 
 bench: $(INSTALLED)
 	$(BIN)/python -m benchmarks.walk
+	$(BIN)/python -m benchmarks.estimate
 	$(BIN)/python -m benchmarks.plan
 
 bench-leave-out: $(INSTALLED)

@@ -17,6 +17,7 @@ from tqdm import tqdm
 
 from skinrender.errors import InputError
 from skinrender.estimate.beam import estimate_beam
+from skinrender.estimate.guide import patterns
 from skinrender.estimate.lattice import RayLattice, fit_plane, make_lattice
 from skinrender.estimate.point import estimate_point, march_edges
 from skinrender.estimate.ray_paths import follow_rays, slab_edges, visible_depth_mm
@@ -24,7 +25,7 @@ from skinrender.estimate.reference import Reference, estimate_reference, remaini
 from skinrender.estimate.scatter_image import BandsLight, ScatteredLight, batch_stderr, joined
 from skinrender.estimate.single import single_scattering
 from skinrender.estimate.stream import DepthSample, Stream, sample_depths
-from skinrender.estimate.surface import irradiance, surface_reflection
+from skinrender.estimate.surface import entering_light, irradiance, surface_reflection
 from skinrender.estimate.view_path import LEVEL, ViewPath, make_view_path
 from skinrender.film.camera import ViewRays, view_rays
 from skinrender.film.color import exposure_for, y_weights
@@ -91,7 +92,9 @@ class View:
                 reference = Reference(self.scene.camera, self.volume, photon_map, self.y_weight, pool, progress)
                 return estimate_reference(reference, bands)
             stream = Stream(self.volume, photon_map, depths, *self.lattices, self.y_weight, pool, count, progress)
-            return (estimate_beam if self.method == "beam" else estimate_point)(stream, self.gather_count, bands)
+            if self.method == "point":
+                return estimate_point(stream, self.gather_count, bands)
+            return estimate_beam(stream, self.gather_count, bands, self.guides(stream) if self.volume.has_relief else None)
 
     def joined(self, parts: Sequence[BandsLight], rounds: int) -> ScatteredLight:
         """The light of all bands, from their parts in order."""
@@ -99,6 +102,16 @@ class View:
         if self.method != "reference":
             return light
         return replace(light, remaining=remaining_bias(self.scene.camera, self.volume, parts, light.radiance))
+
+    def guides(self, stream: Stream) -> np.ndarray:
+        """The guides of a relief's light, see `estimate.guide`."""
+        rays = stream.lattice.rays
+        entering = entering_light(rays.entry, rays.hit, self.volume, self.light)
+        pixels = [
+            None if values is None else stream.pixel_mean(values).reshape(stream.shape)
+            for values in (entering, rays.entry[:, 2])
+        ]
+        return patterns(*pixels, stream.lattice.spacing_mm * stream.subpixels, stream.covers_patch)
 
     def image(self, scattered: ScatteredLight, provenance: dict[str, Any]) -> SpectralImage:
         """The spectral picture."""

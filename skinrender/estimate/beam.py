@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skinrender.estimate.deposit import deposit, ray_weights
+from skinrender.estimate.guide import Flattened, modulations
 from skinrender.estimate.kernel_filter import SlabFilter
 from skinrender.estimate.radius import COLOR_STEPS, COLOR_WIDER, STEPS, gather_radius_mm, radius_levels
 from skinrender.estimate.scatter_image import MOST_BATCHES, BandsLight, batches_of
@@ -31,13 +32,16 @@ def beam_bytes(pixels: int, rays: int, slabs: int, bands: int, rounds: int, thre
     return 4 * pixels * (slabs * images + bands + 4 * min(rounds, MOST_BATCHES)) + 16 * rays * slabs + 8 * pixels
 
 
-def estimate_beam(stream: Stream, gather_count: int | None, bands: np.ndarray) -> BandsLight:
+def estimate_beam(
+    stream: Stream, gather_count: int | None, bands: np.ndarray, guides: np.ndarray | None = None
+) -> BandsLight:
     """Beam estimate of the multiply scattered light.
 
     Parameters
     ----------
     gather_count : photons that a beam should meet, on average; None: as wide as the tissue allows.
     bands : (n,) those to estimate.
+    guides : (K, h, w) of a relief, see `guide`; None where it is flat.
     """
     h, w = stream.shape
     kernels, unit = _choose_kernels(stream, gather_count), stream.power_unit
@@ -56,7 +60,10 @@ def estimate_beam(stream: Stream, gather_count: int | None, bands: np.ndarray) -
             shown = unit * _shown(stream, kernels.color, image, factor)
         radiance[:, :, k] = shown
     batch_y = (unit * _filtered(kernels.luminance, noise.y_image, (h, w))).astype(np.float32)
-    return BandsLight(bands, radiance, luminance, batch_y, unit * noise.light, seen * kernels.pixels_met)
+    flattened = None
+    if guides is not None:
+        flattened = Flattened(unit * noise.y_image.sum(axis=0).reshape(h, w), modulations(guides, kernels.luminance))
+    return BandsLight(bands, radiance, luminance, batch_y, unit * noise.light, seen * kernels.pixels_met, flattened)
 
 
 @dataclass(frozen=True, eq=False)

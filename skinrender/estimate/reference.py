@@ -188,7 +188,7 @@ def estimate_reference(reference: Reference, bands: np.ndarray) -> BandsLight:
             work(reference.connector(band, 2 * REFINE), enter_finer, batches[MESH_BATCHES])
         reference.progress(sum(_count(photon_map, index, band) for index in range(photon_map.rounds)))
     return BandsLight(
-        bands, radiance, None, batch_y.reshape(-1, rows, columns), totals, seen, finer[: len(totals[MESH_BATCHES])]
+        bands, radiance, None, batch_y.reshape(-1, rows, columns), totals, seen, batch_sum_finer=finer[: len(totals[MESH_BATCHES])]
     )
 
 

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from skinrender.estimate.guide import Flattened, restored
+
 MOST_BATCHES = 20
 MOST_POOLED = 64
 
@@ -45,6 +47,7 @@ class BandsLight:
     batch_y : (batches, h, w) f4, what each batch adds to the luminance.
     batch_sum : (batches,) what each batch adds to the radiance, summed over pixels and bands.
     met : photons that met a ray.
+    flattened : of a beam estimate on a relief, see `guide`.
     batch_sum_finer : of a reference, `batch_sum` of some batches through a finer mesh.
     """
 
@@ -54,28 +57,36 @@ class BandsLight:
     batch_y: np.ndarray
     batch_sum: np.ndarray
     met: float
+    flattened: Flattened | None = None
     batch_sum_finer: np.ndarray | None = None
 
 
 def joined(parts: Sequence[BandsLight], rounds: int, y_weight: np.ndarray) -> ScatteredLight:
     """The light of all bands; y_weight: (B,) luminance of one W mm^-2 sr^-1 in each.
 
-    Where the luminance is known better than the radiance, each pixel's spectrum is scaled to it.
+    Where the luminance is known better than the radiance, each pixel's spectrum is scaled to it; what a kernel has
+    flattened on a relief is restored.
     """
     h, w = parts[0].radiance.shape[:2]
     radiance = np.zeros((h, w, len(y_weight)), np.float32)
     for part in parts:
         radiance[:, :, part.bands] = part.radiance
+    luminance = radiance @ y_weight
     if parts[0].luminance is not None:
-        luminance = sum(part.luminance[:, :, k] for part in parts for k in range(len(part.bands)))
-        own = radiance @ y_weight
-        radiance *= np.divide(luminance, own, out=np.ones_like(own), where=own > 0.0)[:, :, None]
+        better = sum(part.luminance[:, :, k] for part in parts for k in range(len(part.bands)))
+        radiance *= np.divide(better, luminance, out=np.ones_like(better), where=luminance > 0.0)[:, :, None]
+        luminance = better
     sizes = np.array([len(batch) for batch in batches_of(rounds)])
     scale = rounds / sizes
     batch_y = np.sum([part.batch_y for part in parts], axis=0) * scale[:, None, None]
+    if parts[0].flattened is not None:
+        noisy = np.sum([part.flattened.noisy for part in parts], axis=0)
+        factor = restored(luminance, noisy, parts[0].flattened.changes)
+        batch_y *= factor
+        radiance *= factor[:, :, None].astype(np.float32)
     batch_sum = np.sum([part.batch_sum for part in parts], axis=0)
     met = sum(part.met for part in parts)
-    return ScatteredLight(radiance, batch_y, batch_sum * scale / (h * w), sizes, met / (h * w))
+    return ScatteredLight(radiance, batch_y.astype(np.float32), batch_sum * scale / (h * w), sizes, met / (h * w))
 
 
 def batches_of(rounds: int) -> list[np.ndarray]:

@@ -20,7 +20,7 @@ from skinrender.skin.regions import regions_of
 from skinrender.transport import allocating_kernel, kernel
 from skinrender.transport.frame import frame
 from skinrender.transport.fresnel import fresnel
-from skinrender.transport.height_field import first_hit
+from skinrender.transport.height_field import first_hit, height_and_gradient
 
 OIL_ROUGHNESS = 0.1
 _SKY_SAMPLES = 64
@@ -93,6 +93,36 @@ def surface_reflection(view: ViewPath, volume: Any, light: Light, finish: Any) -
             )
             result += share * strength * lobe
     return result
+
+
+def entering_light(entry: np.ndarray, hit: np.ndarray, volume: Any, light: Light) -> np.ndarray | None:
+    """Light of a lamp that enters a relief at some points, W per mm2 of the mean plane, all bands, (Q,); None for a sky.
+
+    entry (Q, 3), hit (Q,) : points of the surface, and which are.
+    """
+    if isinstance(light, SkyLight):
+        return None
+    relief, (lx, ly) = _relief(volume.surface_mm), map(float, volume.size_mm)
+    foot = np.mod(entry[:, :2], volume.size_mm) if volume.sides == "periodic" else entry[:, :2]
+    point = np.ascontiguousarray(np.column_stack([foot, entry[:, 2]]))
+    to_light, distance, strength = _toward_lamp(light, point)
+    eta = float(np.median(volume.n_outside / regions_of(volume).index[1]))
+    return strength.sum(axis=1) * _entering_share(hit, point, to_light, distance, eta, relief, lx, ly)
+
+
+@allocating_kernel
+def _entering_share(hit, point, to_light, distance, eta, relief, lx, ly):
+    """Part of the irradiance across the lamp's light that enters above an area of the mean plane, (Q,)."""
+    share = np.zeros(hit.size)
+    for q in range(hit.size):
+        dx, dy, dz = to_light[q]
+        _, slope_x, slope_y = height_and_gradient(relief[0], lx, ly, point[q, 0], point[q, 1])
+        projected = slope_x * dx + slope_y * dy - dz
+        if not hit[q] or projected <= 0.0 or _is_shadowed(relief, lx, ly, point[q], dx, dy, dz, distance[q]):
+            continue
+        cosine = projected / math.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
+        share[q] = projected * (1.0 - fresnel(min(1.0, cosine), eta)[0])
+    return share
 
 
 def _relief(surface_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:

@@ -1,0 +1,123 @@
+"""Light under a relief keeps the pattern that the kernel would flatten, and noise is not taken for one."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from skinrender.estimate.guide import modulations, patterns, restored
+from skinrender.estimate.surface import entering_light
+from skinrender.estimate.view_path import make_view_path
+from skinrender.film.camera import view_rays
+from skinrender.photonmap.light import light_from_scene
+from skinrender.scene.load import make_scene
+from skinrender.skin.builder import build_volume
+from tests.maps import Lit, make_map, see, slab_data, slab_layer
+
+SAMPLES, PIXELS = 40, 40
+SPACING_MM = 1.0 / PIXELS
+X = np.arange(SAMPLES) / SAMPLES
+LAMP = {"kind": "collimated", "zenith_deg": 50.0}
+
+
+def kernel(picture: np.ndarray) -> np.ndarray:
+    """A filter as wide as the widest kernel."""
+    return gaussian_filter(picture, 0.14 / SPACING_MM, mode="wrap")
+
+
+def furrow(folder, depth_um: float, light: dict, size_mm: float = 1.0) -> tuple:
+    """Scene and volume of one furrow along y in a periodic slab."""
+    profile = -depth_um * np.exp(-0.5 * ((X - 0.5) / 0.06) ** 2)
+    np.save(folder / "furrow.npy", np.tile(profile, (SAMPLES, 1)))
+    data = slab_data([slab_layer(0.6, 2.0, 20.0, 0.7, 1.4)], light, size_mm, PIXELS)
+    relief = {"kind": "height_map", "file": "furrow.npy", "um_per_unit": 1.0}
+    scene = make_scene({**data, "patch": {"size_mm": [size_mm, size_mm], "columns": [40, 40]}, "relief": relief}, source_dir=folder)
+    return scene, build_volume(scene)
+
+
+def waves() -> tuple[np.ndarray, np.ndarray]:
+    """A guide of mean 1 and a height, across each other."""
+    light = np.broadcast_to(1.0 + 0.5 * np.sin(4 * math.pi * X), (PIXELS, PIXELS))
+    return light, 0.03 * light.T
+
+
+def test_a_pattern_that_the_kernel_flattens_is_restored():
+    light, height = waves()
+    guides = patterns(light, height, SPACING_MM, wrap=True)
+    truth = 2.0 + (light - 1.0) + 10.0 * height
+    flat = kernel(truth)
+    found = flat * restored(flat, truth, modulations(guides, kernel))
+    assert np.ptp(flat / truth) > 0.3
+    assert np.abs(found / truth - 1.0).max() < 0.03
+
+
+def test_noise_moves_no_mean():
+    light, height = waves()
+    changes = modulations(patterns(light, height, SPACING_MM, wrap=True), kernel)
+    rng, truth = np.random.default_rng(1), 2.0 + 0.5 * (light - 1.0)
+    exact = restored(kernel(truth), truth, changes)
+    factors = []
+    for _ in range(100):
+        noisy = rng.poisson(3.0 * truth) / 3.0
+        factors.append(restored(kernel(noisy), noisy, changes))
+    error = np.std(factors, axis=0, ddof=1) / 10.0
+    z = (np.mean(factors, axis=0) - exact) / error
+    assert abs(z).max() < 5.5
+    assert error.max() < 0.01
+
+
+def test_without_light_or_pattern_nothing_changes():
+    flat = np.zeros((PIXELS, PIXELS))
+    changes = modulations(patterns(None, flat, SPACING_MM, wrap=True), kernel)
+    assert np.array_equal(restored(flat + 1.0, flat + 2.0, changes), flat + 1.0)
+    changes = modulations(patterns(*waves(), SPACING_MM, wrap=True), kernel)
+    assert np.array_equal(restored(flat, flat, changes), flat + 1.0)
+
+
+def test_light_that_enters_a_relief(tmp_path):
+    """All of it comes from the lamp: the mean is the flat surface's but for Fresnel's reflection; the far wall is darker."""
+    scene, volume = furrow(tmp_path, 60.0, LAMP)
+    rays = view_rays(scene.camera, volume.size_mm)
+    path = make_view_path(rays.origin, rays.direction, volume)
+    light = light_from_scene(scene)
+    seen = entering_light(path.entry, path.hit, volume, light).reshape(PIXELS, PIXELS)
+    across = light.irradiance.sum() * math.cos(math.radians(50.0))
+    assert 0.9 * across < seen.mean() < across
+    profile = seen.mean(axis=0)
+    assert seen == pytest.approx(np.tile(profile, (PIXELS, 1)), rel=1e-3)
+    assert profile.max() > 1.3 * profile[0]
+    assert profile.min() < 0.7 * profile[0]
+
+
+def walls(folder, depth_um: float, histories: int, seeds: int) -> tuple[np.ndarray, np.ndarray]:
+    """Brightness of a furrow's walls, in parts 0.1 mm wide, over the picture's: by beam and by the reference, (seeds, 6)."""
+    scene, volume = furrow(folder, depth_um, LAMP)
+    found = []
+    for seed in range(1, seeds + 1):
+        lit = Lit(scene, volume, make_map(volume, light_from_scene(scene), histories, seed=seed))
+        pictures = [see(lit, method)[0].y() for method in ("beam", "reference")]
+        profiles = [y.mean(axis=0)[8:32].reshape(6, 4).mean(axis=1) / y.mean() for y in pictures]
+        found.append(profiles)
+    return np.swapaxes(found, 0, 1)
+
+
+def test_walls_of_a_furrow_keep_their_shading(tmp_path):
+    beam, exact = walls(tmp_path, 60.0, 300, 5)
+    error = np.std(beam - exact, axis=0, ddof=1) / math.sqrt(len(beam))
+    off = (beam - exact).mean(axis=0)
+    assert np.ptp(exact.mean(axis=0)) > 0.2
+    assert np.abs(off / error).max() < 7.0  # Student's t of 4 degrees of freedom, six values
+    assert error.max() < 0.04
+    assert np.abs(off).max() < 0.06
+
+
+@pytest.mark.slow
+def test_walls_of_a_furrow_keep_their_shading_to_three_percent(tmp_path):
+    beam, exact = walls(tmp_path, 60.0, 2000, 8)
+    error = np.std(beam - exact, axis=0, ddof=1) / math.sqrt(len(beam))
+    off = (beam - exact).mean(axis=0)
+    assert error.max() < 0.01
+    assert np.abs(off / exact.mean(axis=0)).max() < 0.03
