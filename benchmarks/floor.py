@@ -14,9 +14,8 @@ from skinrender.transport import block_kernel, kernel
 from skinrender.transport.blockmath import log_unit
 from skinrender.transport.lanes import (
     ABSORB_ABOVE,
-    ABSORBED,
     ARRIVED,
-    EVENT,
+    ENDED,
     LANES,
     PATH,
     SCATTER_BELOW,
@@ -32,6 +31,7 @@ from skinrender.transport.lanes import (
 )  # fmt: skip
 from skinrender.transport.medium import collision_thresholds
 from skinrender.transport.rng import next_word, uniform
+from skinrender.transport.tally import PER_LAYER
 from skinrender.transport.turn import collide
 
 
@@ -46,7 +46,7 @@ def bare_fly(f, w, n, free_path):
         w[WORDS + LANES + i] = w1
         w[WORDS + 2 * LANES + i] = w2
         w[WORDS + 3 * LANES + i] = w3
-        again = (w[EVENT + i] == np.int32(ABSORBED)) | (f[Z + i] < np.float32(0.0))
+        again = (w[ENDED + i] != np.int32(0)) | (f[Z + i] < np.float32(0.0))
         f[UX + i] = np.float32(0.0) if again else f[UX + i]
         f[UY + i] = np.float32(0.0) if again else f[UY + i]
         uz = np.float32(1.0) if again else f[UZ + i]
@@ -75,7 +75,7 @@ def bare_walk(f, w, steps, free_path, rows, g):
     for _ in range(steps):
         bare_fly(f, w, LANES, free_path)
         bare_gather(f, w, LANES, rows, g)
-        collide(f, w, LANES)
+        collide(f, w, LANES, PER_LAYER + 1)
     return steps * LANES
 
 

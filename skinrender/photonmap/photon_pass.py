@@ -202,10 +202,11 @@ class PhotonPass:
         position = np.empty(3 * _BUFFER, np.float32) if store else None
         direction = np.empty(_BUFFER, np.int32) if store else None
         left = None if exits is None else np.zeros((count, 6), np.float32)
+        tallies = np.zeros((tally.WAYS, counts.size), dtype=np.int64)
         f, w = new_block(real)
         state = np.zeros(4, dtype=np.int64)
         while True:
-            walk(f, w, source, self._light_parameters, medium, self._relief, keep, position, direction, counts, left, state)
+            walk(f, w, source, self._light_parameters, medium, self._relief, keep, position, direction, tallies, left, state)
             if store:
                 n = state[2]
                 yield position[: 3 * n].reshape(n, 3).copy(), direction[:n].copy().view(np.uint16).reshape(n, 2)
@@ -216,5 +217,6 @@ class PhotonPass:
                     f"at {self.volume.wavelength_nm[band]:g} nm photons hardly ever end: none has in {ENDLESS:.1g} flights\n"
                     "  give the tissue some absorption, or make it thinner or clearer"
                 )
+        counts += tallies.sum(axis=0)
         if exits is not None:
             exits.append(left[: counts[tally.REFLECTED] - counts[tally.SPECULAR]])

@@ -12,23 +12,24 @@ from typing import NamedTuple
 import numpy as np
 
 from skinrender.transport import kernel
-from skinrender.transport.lanes import ABSORB_ABOVE, BRICK_XY, IN_BRICK, IZ, SCATTER_BELOW, TISSUE, G, Z
+from skinrender.transport.lanes import ABSORB_ABOVE, BRICKS, IN_BRICK, PLANE, SCATTER_BELOW, TISSUE, VOXEL, G, Z
 
 
 class Grid(NamedTuple):
     """The voxels, for all bands alike.
 
     plane_edge (planes + 1): z of the voxel planes, mm from the top, the last one infinite; coarse_plane: first plane of
-    each coarse depth cell; brick (planes * bricks_x * bricks_y) uint32: 2 * offset into `palette` + 1 if the brick
-    varies; palette uint16.
+    each coarse depth cell; edges_in_cell: most edges that lie between that plane and a depth in the cell; brick
+    (bricks_x * bricks_y * planes) uint32, those of a column together: 2 * offset into `palette` + 1 if the brick varies; palette uint16.
     """
 
     plane_edge: np.ndarray
     coarse_plane: np.ndarray
+    edges_in_cell: int
     brick: np.ndarray
     palette: np.ndarray
-    bricks_x: int
     bricks_y: int
+    planes: int
 
 
 # Columns of a row of `Medium.rows`: thresholds of the collision's word, bits of the float32 anisotropy, tissue layer.
@@ -36,23 +37,35 @@ ROW_SCATTER, ROW_ABSORB, ROW_G, ROW_LAYER = 0, 1, 2, 3
 
 
 @kernel
+def find_voxels(f, w, n, grid):
+    """Sets PLANE, until now the coarse depth cell, and VOXEL, the place in `Grid.palette`, of n lanes.
+
+    Indices are unsigned: numba's test for negative ones costs as much as the look-up. The edges within a coarse cell are
+    counted, not searched: a `while` in this loop doubled its time.
+    """
+    edge, coarse_plane, brick_of = grid.plane_edge, grid.coarse_plane, grid.brick
+    edges_in_cell, one = grid.edges_in_cell, np.uint64(1)
+    for i in range(n):
+        plane = np.uint64(coarse_plane[np.uint64(w[PLANE + i])])
+        z = f[Z + i]
+        for _ in range(edges_in_cell):
+            plane += np.uint64(z >= edge[plane + one])
+        brick = np.uint64(brick_of[np.uint64(w[BRICKS + i]) + plane])
+        w[PLANE + i] = plane
+        w[VOXEL + i] = (brick >> one) + (brick & one) * np.uint64(w[IN_BRICK + i])
+
+
+@kernel
 def gather(f, w, n, grid, plane_row, rows, rows_as_float):
     """Sets the thresholds, anisotropy and tissue layer of n lanes.
 
     rows (slabs * P, 4) int32 of the band and the same memory as float32; plane_row (planes,): first row of the plane's
-    majorant slab. Indices are unsigned: numba's test for negative ones costs as much as the look-up.
+    majorant slab. The palette is the one table larger than the cache. In a loop this short the processor has the looks
+    into it of many lanes under way together.
     """
-    edge, coarse_plane, brick_of, palette = grid.plane_edge, grid.coarse_plane, grid.brick, grid.palette
-    per_plane, one = np.uint64(grid.bricks_x * grid.bricks_y), np.uint64(1)
+    palette = grid.palette
     for i in range(n):
-        plane = np.uint64(coarse_plane[np.uint64(w[IZ + i])])
-        z = f[Z + i]
-        plane += np.uint64(z >= edge[plane + one])  # mostly 0 or 1, and a branch would be guessed wrong at every border
-        while z >= edge[plane + one]:
-            plane += one
-        brick = np.uint64(brick_of[plane * per_plane + np.uint64(w[BRICK_XY + i])])
-        entry = palette[(brick >> one) + (brick & one) * np.uint64(w[IN_BRICK + i])]
-        row = np.uint64(plane_row[plane]) + np.uint64(entry)
+        row = np.uint64(plane_row[np.uint64(w[PLANE + i])]) + np.uint64(palette[np.uint64(w[VOXEL + i])])
         w[SCATTER_BELOW + i] = rows[row, ROW_SCATTER]
         w[ABSORB_ABOVE + i] = rows[row, ROW_ABSORB]
         f[G + i] = rows_as_float[row, ROW_G]

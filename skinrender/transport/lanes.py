@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-LANES = 512  # 256 to 2048 lanes run equally fast; the two buffers of 512 stay in a 64 KiB corner of the cache
+LANES = 256  # the two buffers of 256 fit the first-level cache: 512 lanes are 8 % slower, 384 5 %
 
 # float rows
 X, Y, Z = 0 * LANES, 1 * LANES, 2 * LANES  # position (mm), z from the top of the volume downwards
@@ -23,21 +23,24 @@ FLOAT_ROWS = 12
 
 # int32 rows; the first four are the generator's state words
 WORDS = 0
-BRICK_XY, IN_BRICK = 4 * LANES, 5 * LANES  # brick of the voxel's column, and the column in it (see `gather`)
-IZ = 6 * LANES  # coarse depth cell
+BRICKS, IN_BRICK = 4 * LANES, 5 * LANES  # first brick of the voxel's column, and the column in it (see `gather`)
+PLANE = 6 * LANES  # coarse depth cell, then voxel plane
 BORDER = 7 * LANES  # 1: the flight may have met a border; after `cross`, 1: it ended on one
 SCATTER_BELOW, ABSORB_ABOVE = 8 * LANES, 9 * LANES  # thresholds of the collision's word
-EVENT = 10 * LANES  # what happened at the collision
+EVENT = 10 * LANES  # column of the tally that counts what happened
 ARRIVED = 11 * LANES  # packed direction of flight before the collision
 FRESH = 12 * LANES  # bit 0: path is one straight refracted passage so far; bit 1: never scattered
 REGION = 13 * LANES  # which layer between two borders with an index step
 TISSUE = 14 * LANES  # tissue layer at the collision
-MARKED = 15 * LANES  # not a lane's: list of the lanes with BORDER set
+LISTED = 15 * LANES  # not a lane's: list of some lanes
 OVER = 16 * LANES  # row of `relief.Relief.around`
-INT_ROWS = 17
+SHOWN = 17 * LANES  # 1: scattered, and belongs into the map
+ENDED = 18 * LANES  # 1: the history has ended
+VOXEL = 19 * LANES  # place of the voxel in `gather.Grid.palette`
+INT_ROWS = 20
 
-NULL, SCATTERED, ABSORBED = 0, 1, 2
 STRAIGHT, UNSCATTERED = 1, 2
+EMPTY = -1  # value of FRESH when a photon has left and no other is in its lane
 
 
 def new_block(real: type) -> tuple[np.ndarray, np.ndarray]:

@@ -45,7 +45,7 @@ def make_grid(palette_index: np.ndarray, z_edges_mm: np.ndarray, real: type) -> 
     nx, ny, nz = palette_index.shape
     bricks_x, bricks_y = -(-nx // BRICK), -(-ny // BRICK)
     padded = np.pad(palette_index, ((0, bricks_x * BRICK - nx), (0, bricks_y * BRICK - ny), (0, 0)), mode="edge")
-    cells = padded.reshape(bricks_x, BRICK, bricks_y, BRICK, nz).transpose(4, 0, 2, 1, 3).reshape(-1, BRICK * BRICK)
+    cells = padded.reshape(bricks_x, BRICK, bricks_y, BRICK, nz).transpose(0, 2, 4, 1, 3).reshape(-1, BRICK * BRICK)
     uniform = (cells == cells[:, :1]).all(axis=1)
     size = np.where(uniform, 1, BRICK * BRICK)
     offset = np.concatenate([[0], np.cumsum(size)[:-1]])
@@ -60,11 +60,12 @@ def make_grid(palette_index: np.ndarray, z_edges_mm: np.ndarray, real: type) -> 
     for k in range(nz):
         holds[k, np.unique(palette_index[:, :, k])] = True
     cell_top = np.arange(_COARSE_CELLS) * (z_edges_mm[-1] / _COARSE_CELLS)
-    # one cell above: a rounded product may fall into the next cell
+    # one cell above and one below: a rounded product may fall into the next cell
     coarse = np.searchsorted(z_edges_mm, np.concatenate([[0.0], cell_top[:-1]]), side="right") - 1
+    last = np.searchsorted(z_edges_mm, np.append(cell_top[2:], [np.inf] * 2), side="right") - 1
     edges = np.append(z_edges_mm[:-1], np.inf).astype(real)
     grid = Grid(
-        edges, np.clip(coarse, 0, nz - 1).astype(np.int32), brick, palette, bricks_x, bricks_y
+        edges, np.clip(coarse, 0, nz - 1).astype(np.int32), int((last - coarse).max()), brick, palette, bricks_y, nz
     )
     return grid, holds
 

@@ -15,11 +15,11 @@ from skinrender.transport.blockmath import log_unit
 from skinrender.transport.bricks import BRICK, BRICK_BITS
 from skinrender.transport.lanes import (
     BORDER,
-    BRICK_XY,
+    BRICKS,
     IN_BRICK,
-    IZ,
     LANES,
     PATH,
+    PLANE,
     UX,
     UY,
     UZ,
@@ -96,14 +96,15 @@ def mark_sides(f, w, n, lx, ly):
 
 
 @block_kernel
-def locate(f, w, n, cells_per_mm, last_cell, bricks_y):
-    """Voxel column, as brick and place in it, and coarse depth cell of n lanes, kept inside the volume."""
+def locate(f, w, n, cells_per_mm, last_cell, bricks_y, planes):
+    """Voxel column, as column of bricks and place in a brick, and coarse depth cell of n lanes, kept inside the volume."""
     cx, cy, cz = cells_per_mm[0], cells_per_mm[1], cells_per_mm[2]
     mx, my, mz = last_cell[0], last_cell[1], last_cell[2]
-    zero, bits, inside, across = np.int32(0), np.int32(BRICK_BITS), np.int32(BRICK - 1), np.int32(bricks_y)
+    zero, bits, inside = np.int32(0), np.int32(BRICK_BITS), np.int32(BRICK - 1)
+    across, down = np.int32(bricks_y * planes), np.int32(planes)
     for i in range(n):
         ix = min(max(np.int32(f[X + i] * cx), zero), mx)
         iy = min(max(np.int32(f[Y + i] * cy), zero), my)
-        w[BRICK_XY + i] = np.int32(np.int32(np.int32(ix >> bits) * across) + np.int32(iy >> bits))
+        w[BRICKS + i] = np.int32(np.int32(np.int32(ix >> bits) * across) + np.int32(np.int32(iy >> bits) * down))
         w[IN_BRICK + i] = np.int32(np.int32(np.int32(ix & inside) << bits) | np.int32(iy & inside))
-        w[IZ + i] = min(max(np.int32(f[Z + i] * cz), zero), mz)
+        w[PLANE + i] = min(max(np.int32(f[Z + i] * cz), zero), mz)

@@ -9,7 +9,7 @@ import numpy as np
 
 from skinrender.transport import block_kernel, kernel
 from skinrender.transport.height_field import height, height_and_gradient
-from skinrender.transport.lanes import BORDER, MARKED, OVER, PATH, REGION, UX, UY, Z_SAFE_BOTTOM, Z_START, X, Y, Z
+from skinrender.transport.lanes import BORDER, LISTED, OVER, PATH, REGION, UX, UY, Z_SAFE_BOTTOM, Z_START, X, Y, Z
 
 OFFSET_MM = 1e-6  # a photon on a height field is put this far inside: above the rounding of float32 positions
 ROUGH = 1  # column of `borders.Borders.table`: row of the border in the height fields, or -1
@@ -61,13 +61,13 @@ def look_around(f, w, n, cells_per_mm, last_cell):
 def clear_of_relief(f, w, marked, borders, relief):
     """Clears the mark of flights that surely stay below the height field over their region; returns how many stay marked.
 
-    The lanes are those that `walk.list_marked` lists. Two tests, the cheap one first, each over the whole list and
+    The lanes are those that `walk.list_lanes` lists. Two tests, the cheap one first, each over the whole list and
     without branches: which flights pass is so random that wrong guesses cost more than the tests.
     """
     for by_depth in (True, False):
         left = np.uint64(0)
         for k in range(marked):
-            i = w[MARKED + k]
+            i = w[LISTED + k]
             row = int(borders.table[w[REGION + i], ROUGH])
             clear = row >= 0 and max(f[Z_START + i], f[Z + i]) <= f[Z_SAFE_BOTTOM + i]
             if clear:
@@ -76,7 +76,7 @@ def clear_of_relief(f, w, marked, borders, relief):
                 else:
                     clear = below_each_bulge(f, w, i, relief, row, borders.lx, borders.ly)
             w[BORDER + i] = np.int32(not clear)
-            w[MARKED + left] = i
+            w[LISTED + left] = i
             left += np.uint64(not clear)
         marked = left
     return marked

@@ -17,14 +17,17 @@ from skinrender.transport import block_kernel
 from skinrender.transport.blockmath import cos_sin_turn
 from skinrender.transport.lanes import (
     ABSORB_ABOVE,
-    ABSORBED,
     ARRIVED,
     BORDER,
+    EMPTY,
+    ENDED,
     EVENT,
+    FRESH,
     LANES,
-    NULL,
     SCATTER_BELOW,
-    SCATTERED,
+    SHOWN,
+    STRAIGHT,
+    TISSUE,
     UX,
     UY,
     UZ,
@@ -32,6 +35,7 @@ from skinrender.transport.lanes import (
     G,
 )
 from skinrender.transport.rng import next_word, uniform
+from skinrender.transport.tally import BORDER_HITS, COLLISIONS_NULL, PER_LAYER
 
 _ONE, _TWO, _HALF = np.float32(1.0), np.float32(2.0), np.float32(0.5)
 
@@ -80,11 +84,14 @@ def pack_direction(ux, uy, uz):
 
 
 @block_kernel
-def collide(f, w, n):
-    """Decides the event of n lanes; those that scatter get a new direction, the old one packed in ARRIVED.
+def collide(f, w, n, scatterings):
+    """Decides what happens to n lanes; those that scatter get a new direction, the old one packed in ARRIVED.
 
-    A flight that ended on a border has no collision.
+    EVENT is the column that counts it, the scatterings of the first tissue layer in column `scatterings`. A flight that
+    ended on a border has no collision.
     """
+    scatterings, absorptions = np.int32(scatterings), np.int32(PER_LAYER)
+    zero, one = np.int32(0), np.int32(1)
     for i in range(n):
         r, w0, w1, w2, w3 = next_word(
             w[WORDS + i], w[WORDS + LANES + i], w[WORDS + 2 * LANES + i], w[WORDS + 3 * LANES + i]
@@ -100,11 +107,16 @@ def collide(f, w, n):
         cos_azimuth, sin_azimuth = cos_sin_turn(np.float32(r_azimuth) * np.float32(2.0**-32))
         vx, vy, vz = deflect(ux, uy, uz, one_minus_cos, sin, cos_azimuth, sin_azimuth)
         w[ARRIVED + i] = pack_direction(ux, uy, uz)
-        collides = w[BORDER + i] == np.int32(0)
+        collides = w[BORDER + i] == zero
         scattered = (r < w[SCATTER_BELOW + i]) & collides
         absorbed = (r > w[ABSORB_ABOVE + i]) & collides
         f[UX + i] = vx if scattered else ux
         f[UY + i] = vy if scattered else uy
         f[UZ + i] = vz if scattered else uz
-        event = np.int32(SCATTERED) if scattered else np.int32(NULL)
-        w[EVENT + i] = np.int32(ABSORBED) if absorbed else event
+        tissue, fresh = w[TISSUE + i], w[FRESH + i]
+        other = np.int32(COLLISIONS_NULL) if collides else np.int32(BORDER_HITS)
+        other = np.int32(absorptions + tissue) if absorbed else other
+        w[EVENT + i] = np.int32(scatterings + tissue) if scattered else other
+        w[SHOWN + i] = np.int32(np.int32(np.int32(fresh & np.int32(STRAIGHT)) ^ one) if scattered else zero)
+        w[FRESH + i] = zero if scattered else fresh
+        w[ENDED + i] = one if absorbed | (fresh == np.int32(EMPTY)) else zero

@@ -1,6 +1,6 @@
 """The photon walk of one band: blocks of lanes through the passes until every history has ended (paper, section 7.1).
 
-    fly -> wrap -> meet_borders -> locate -> gather -> collide -> settle
+    fly -> wrap -> meet_borders -> locate -> find_voxels -> gather -> collide -> count_events -> store -> relaunch
 
 A dead lane is relaunched in place with the next history; when none is left, the last live lane moves into the hole.
 """
@@ -12,20 +12,20 @@ import numpy as np
 from skinrender.transport import kernel
 from skinrender.transport.borders import INSIDE, LEFT_BOTTOM, LEFT_TOP, PERIODIC, ROUGH, cross, enter_surface, place
 from skinrender.transport.emission import emit, tile_position
-from skinrender.transport.gather import gather
+from skinrender.transport.gather import find_voxels, gather
 from skinrender.transport.lanes import (
-    ABSORBED,
     ARRIVED,
     BORDER,
+    EMPTY,
+    ENDED,
     EVENT,
     FLOAT_ROWS,
     FRESH,
     INT_ROWS,
     LANES,
-    MARKED,
-    SCATTERED,
+    LISTED,
+    SHOWN,
     STRAIGHT,
-    TISSUE,
     UNSCATTERED,
     UX,
     UY,
@@ -38,8 +38,6 @@ from skinrender.transport.move import fly, locate, mark_sides, wrap
 from skinrender.transport.relief import clear_of_relief, look_around
 from skinrender.transport.rng import draw, seed_words
 from skinrender.transport.tally import (
-    BORDER_HITS,
-    COLLISIONS_NULL,
     EMITTED,
     PER_LAYER,
     REFLECTED,
@@ -48,10 +46,10 @@ from skinrender.transport.tally import (
     SPECULAR,
     TRANSMITTED,
     TRANSMITTED_UNSCATTERED,
+    WAYS,
 )
 from skinrender.transport.turn import collide
 
-EMPTY = -1  # value of a lane's FRESH when its photon has left and no other is in it
 _PASSES = 1 << 20  # after which `walk` returns, so that whoever called it can stop
 # The vectorized passes run over whole groups of lanes (4 vectors of 16 floats): the scalar rest of such a loop rounds
 # otherwise, and a history would depend on how many others are in flight.
@@ -113,24 +111,12 @@ def leave(f, w, i, status, tally, exits):
 def kept(w, i, z, z_top, keep):
     """Roulette on storage: whether a photon stored at z is kept.
 
-    keep[0] = depth bins per mm below z_top, then the probability of each bin, the last for all that is deeper; None
-    keeps all. z is rounded as it is stored, so that its bin can be found again from the map.
+    keep[0] = depth bins per mm below z_top, then the probability of each bin, the last for all that is deeper. z is
+    rounded as it is stored, so that its bin can be found again from the map.
     """
-    if keep is None:
-        return True
     below = np.float64(np.float32(z)) - z_top
     probability = keep[1 + max(0, min(np.int64(below * keep[0]), keep.size - 2))]
     return probability >= 1.0 or draw(w, i, LANES) < probability
-
-
-@kernel
-def store_photon(f, w, i, stored, position, direction, z_top):
-    """Writes the scattering event of lane i as photon number `stored` of the map."""
-    k = np.uint64(3 * stored)
-    position[k] = f[X + i]
-    position[k + np.uint64(1)] = f[Y + i]
-    position[k + np.uint64(2)] = f[Z + i] + z_top
-    direction[stored] = w[ARRIVED + i]
 
 
 @kernel
@@ -143,59 +129,78 @@ def move_lane(f, w, source, target):
 
 
 @kernel
-def settle(f, w, n, source, medium, relief, light, keep, position, direction, stored, tally, cursor):
-    """Last pass: stores the scattering events, ends the absorbed photons and launches others in the free lanes.
+def count_events(w, n, tallies):
+    """Tallies what happened to n lanes.
 
-    Returns (photons stored so far, whether a lane is left empty).
+    In turn in each of the `tally.WAYS` copies: a count that waits for the one before takes 2 ns.
     """
-    borders, majorant, z_top = medium.borders, medium.majorant, medium.z_top
-    scatterings = PER_LAYER + medium.layers
-    holes = False
-    nulls = 0
+    way = tallies.shape[1]
+    counts = tallies.reshape(tallies.size)
     for i in range(n):
-        event = w[EVENT + i]
-        if event == SCATTERED:
-            tally[scatterings + w[TISSUE + i]] += 1
-            fresh = w[FRESH + i]
-            if fresh != 0:
-                w[FRESH + i] = 0
-            if position is not None:
-                if fresh & STRAIGHT == 0 and kept(w, i, f[Z + i] + z_top, z_top, keep):
-                    store_photon(f, w, i, stored, position, direction, z_top)
-                    stored += 1
-        elif event == ABSORBED or w[FRESH + i] == EMPTY:
-            if event == ABSORBED:
-                tally[PER_LAYER + w[TISSUE + i]] += 1
-            if not launch(f, w, i, source, borders, majorant, relief, light, tally, cursor):
-                w[FRESH + i] = EMPTY
-                holes = True
-        elif w[BORDER + i] == 0:
-            nulls += 1
-    tally[COLLISIONS_NULL] += nulls
-    return stored, holes
+        counts[np.uint64((i & (WAYS - 1)) * way) + np.uint64(w[EVENT + i])] += 1
 
 
 @kernel
-def list_marked(w, n):
-    """Lists the lanes whose flight may have met a border in w[MARKED:]; returns their number."""
-    marked = np.uint64(0)
+def thin_out(f, w, n, keep, z_top):
+    """Roulette on storage: clears SHOWN of the photons that are not kept."""
     for i in range(n):
-        w[MARKED + marked] = i
-        marked += np.uint64(w[BORDER + i])
-    return marked
+        if w[SHOWN + i] != 0:
+            w[SHOWN + i] = np.int32(kept(w, i, f[Z + i] + z_top, z_top, keep))
+
+
+@kernel
+def store(f, w, n, position, direction, stored, z_top):
+    """Writes the lanes with SHOWN set as photons number `stored` and on of the map; returns the number of the next.
+
+    A lane that is not shown is written too, and overwritten by the next one: no branch to guess.
+    """
+    k = np.uint64(stored)
+    for i in range(n):
+        position[np.uint64(3) * k] = f[X + i]
+        position[np.uint64(3) * k + np.uint64(1)] = f[Y + i]
+        position[np.uint64(3) * k + np.uint64(2)] = f[Z + i] + z_top
+        direction[k] = w[ARRIVED + i]
+        k += np.uint64(w[SHOWN + i])
+    return np.int64(k)
+
+
+@kernel
+def relaunch(f, w, ended, source, medium, relief, light, tally, cursor):
+    """Launches the next histories in the lanes listed whose photons have ended; whether a lane is left empty."""
+    holes = False
+    for k in range(ended):
+        i = w[LISTED + k]
+        if not launch(f, w, i, source, medium.borders, medium.majorant, relief, light, tally, cursor):
+            w[FRESH + i] = EMPTY
+            holes = True
+    return holes
+
+
+@kernel
+def list_lanes(w, n, flag):
+    """Lists in w[LISTED:] those of n lanes whose word at `flag` is set, few as a rule; returns their number."""
+    listed = np.uint64(0)
+    for first in range(0, n, 16):
+        some = np.int32(0)
+        for i in range(16):
+            some |= w[flag + first + i]
+        if some != 0:
+            for i in range(first, min(first + 16, n)):
+                w[LISTED + listed] = i
+                listed += np.uint64(w[flag + i] != 0)
+    return listed
 
 
 @kernel
 def meet_borders(f, w, marked, medium, relief, tally, exits):
     """Follows the few flights that may have met a border; the lane of a photon that left is free.
 
-    It is not used again before `settle`: this step's collision would take numbers of the new history.
+    It is not used again before `relaunch`: this step's collision would take numbers of the new history.
     """
     borders, majorant = medium.borders, medium.majorant
     for k in range(marked):
-        i = w[MARKED + k]
+        i = w[LISTED + k]
         status = cross(f, w, i, borders, majorant, relief)
-        tally[BORDER_HITS] += w[BORDER + i]
         if status != INSIDE:
             leave(f, w, i, status, tally, exits)
             w[FRESH + i] = EMPTY
@@ -215,7 +220,7 @@ def close_holes(f, w, n):
 
 
 @kernel
-def walk(f, w, source, light, medium, relief, keep, position, direction, tally, exits, state):
+def walk(f, w, source, light, medium, relief, keep, position, direction, tallies, exits, state):
     """Walks the histories of `source`; returns early, to be called again, after a while and when the output is nearly full.
 
     Parameters
@@ -226,12 +231,13 @@ def walk(f, w, source, light, medium, relief, keep, position, direction, tally, 
     medium, relief : `medium.Medium` of the band; `borders.Relief` or None.
     keep : roulette on storage, see `kept`, or None.
     position, direction : (3 n,) float32 and (n,) int32 to fill, n > LANES, or None: nothing is stored.
-    tally : (columns,) int64, added to.
+    tallies : (WAYS, columns) int64, added to: copies, to be summed.
     exits : (histories, 6) float32 or None, see `leave`.
     state : int64 [histories used up, lanes in flight, photons stored in this call, flights since a history ended]; 0 lanes
         in flight: finished.
     """
     cursor = state[0:1]
+    tally = tallies[0]
     passes = 0
     n = state[1]
     stored = 0
@@ -250,18 +256,23 @@ def walk(f, w, source, light, medium, relief, keep, position, direction, tally, 
             wrap(f, whole, medium.period[0], medium.period[1])
         else:
             mark_sides(f, w, whole, medium.period[0], medium.period[1])
-        marked = list_marked(w, n)
+        marked = list_lanes(w, n, BORDER)
         if relief is not None:
             if medium.borders.sides == PERIODIC:
                 look_around(f, w, whole, relief.cells_per_mm, relief.last_cell)
                 marked = clear_of_relief(f, w, marked, medium.borders, relief)
         meet_borders(f, w, marked, medium, relief, tally, exits)
-        locate(f, w, whole, medium.cells_per_mm, medium.last_cell, medium.grid.bricks_y)
+        locate(f, w, whole, medium.cells_per_mm, medium.last_cell, medium.grid.bricks_y, medium.grid.planes)
+        find_voxels(f, w, n, medium.grid)
         gather(f, w, n, medium.grid, medium.plane_row, medium.rows, medium.rows_as_float)
-        collide(f, w, whole)
-        stored, holes = settle(
-            f, w, n, source, medium, relief, light, keep, position, direction, stored, tally, cursor
-        )
+        collide(f, w, whole, PER_LAYER + medium.layers)
+        count_events(w, n, tallies)
+        if position is not None:
+            if keep is not None:
+                thin_out(f, w, n, keep, medium.z_top)
+            stored = store(f, w, n, position, direction, stored, medium.z_top)
+        ended = list_lanes(w, n, ENDED)
+        holes = relaunch(f, w, ended, source, medium, relief, light, tally, cursor)
         state[3] = 0 if holes or cursor[0] > launched else state[3] + whole
         if holes:
             n = close_holes(f, w, n)

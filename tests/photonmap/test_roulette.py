@@ -51,7 +51,6 @@ def test_a_photon_is_judged_by_the_bin_of_its_rounded_depth():
     words[:] = 12345
     for z, expected in ((-0.2, True), (-0.05, True), (0.05, False), (0.15, True), (0.35, False), (9.0, False)):
         assert kept(words, 0, z, -0.1, keep) == expected
-    assert kept(words, 0, 0.05, -0.1, None)
 
 
 @pytest.mark.parametrize("surface", [None, furrow(0.05)], ids=["flat", "relief"])

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skinrender.transport import lanes
+from skinrender.transport import lanes, tally
 from skinrender.transport.blockmath import log_unit
 from skinrender.transport.bricks import BRICK
-from skinrender.transport.gather import gather
+from skinrender.transport.gather import find_voxels, gather
 from skinrender.transport.lanes import LANES, new_block
 from skinrender.transport.medium import collision_thresholds, flight_constants, make_grid, make_majorant, make_rows
 from skinrender.transport.move import SLABS, fly, locate, mark_sides, wrap
@@ -156,11 +156,12 @@ def test_first_collision_follows_the_transmittance_of_what_is_really_there(uz):
         flying, where = np.ones(LANES, bool), np.zeros(LANES)
         while flying.any():
             fly(f, w, LANES, slabs)
-            locate(f, w, LANES, cells, np.array([1, 0, 4095], np.int32), 1)
+            locate(f, w, LANES, cells, np.array([1, 0, 4095], np.int32), 1, grid.planes)
+            find_voxels(f, w, LANES, grid)
             gather(f, w, LANES, grid, plane_row, rows, rows.view(np.float32))
-            collide(f, w, LANES)
+            collide(f, w, LANES, tally.PER_LAYER + 1)
             left = flying & (row(w, lanes.BORDER) == 1)
-            ended = left | (flying & (row(w, lanes.EVENT) == lanes.ABSORBED))
+            ended = left | (flying & (row(w, lanes.ENDED) == 1))
             where[ended] = np.where(left, np.inf, row(f, lanes.Z))[ended]
             flying &= ~ended
         collided[0].append(where[: LANES // 2])
@@ -213,9 +214,9 @@ def test_locate_finds_the_cell_and_stays_in_the_volume():
         axis[:] = rng.uniform(0.0, extent, LANES)
     row(f, lanes.X)[:3], row(f, lanes.Y)[:3], row(f, lanes.Z)[:3] = [0.0, 2.0, 1.0], [0.0, 1.0, 0.5], [-0.5, 4.5, 4.0]
     bricks_y = -(-30 // BRICK)
-    locate(f, w, LANES, np.array([50.0, 30.0, 1024.0], np.float32), np.array([99, 29, 4095], np.int32), bricks_y)
+    locate(f, w, LANES, np.array([50.0, 30.0, 1024.0], np.float32), np.array([99, 29, 4095], np.int32), bricks_y, 7)
     limits = ((50.0, 99), (30.0, 29), (1024.0, 4095))
     ix, iy, iz = (np.clip(np.floor(a * np.float32(per_mm)), 0, last) for a, (per_mm, last) in zip(axes, limits))
-    assert np.array_equal(row(w, lanes.BRICK_XY), ix // BRICK * bricks_y + iy // BRICK)
+    assert np.array_equal(row(w, lanes.BRICKS), (ix // BRICK * bricks_y + iy // BRICK) * 7)
     assert np.array_equal(row(w, lanes.IN_BRICK), ix % BRICK * BRICK + iy % BRICK)
-    assert np.array_equal(row(w, lanes.IZ), iz)
+    assert np.array_equal(row(w, lanes.PLANE), iz)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skinrender.estimate.deposit import unpack_direction
-from skinrender.transport import kernel, lanes
+from skinrender.transport import kernel, lanes, tally
 from skinrender.transport.lanes import LANES, new_block
 from skinrender.transport.medium import collision_thresholds
 from skinrender.transport.phase import phase_hg
@@ -15,6 +15,7 @@ from skinrender.transport.turn import collide, deflect, henyey_greenstein, pack_
 from tests.stats import assert_fits, assert_mean, assert_share, bin_probabilities
 from tests.transport.block import row
 
+SCATTERINGS = tally.PER_LAYER + 1  # column of the only tissue layer
 ANISOTROPY = [-0.9, -0.3, 0.0, 1e-9, 0.5, 0.8, 0.95, 0.99, 0.999]
 AXES = [(0.0, 0.0, 1.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (1e-6, 0.0, -1.0), (0.6, 0.0, -0.8)]
 WORD = 2.0**32
@@ -169,9 +170,9 @@ def test_collision_of_given_words_has_the_closed_form():
     row(w, lanes.SCATTER_BELOW)[:] = 2**31 - 1
     row(w, lanes.ABSORB_ABOVE)[:] = 2**31 - 1
     g = row(f, lanes.G).astype(float)
-    collide(f, w, LANES)
+    collide(f, w, LANES, SCATTERINGS)
     after = f.reshape(-1, LANES)[[lanes.UX // LANES, lanes.UY // LANES, lanes.UZ // LANES]].T.astype(float)
-    assert np.all(row(w, lanes.EVENT) == lanes.SCATTERED)
+    assert np.all(row(w, lanes.EVENT) == SCATTERINGS)
     u = (words[:, 1].view(np.uint32) // 2 + 0.5) / 2.0**31
     base = 1.0 - g + 2.0 * g * u
     v = (1.0 - g) * (1.0 - u) * ((1.0 - g * g) / base + 1.0 - g) / base
@@ -197,12 +198,12 @@ def test_thresholds_decide_to_the_very_word():
     kind = np.arange(LANES) % 4
     scatter[:] = np.clip(np.where(kind == 0, r + 1, np.where(kind == 2, r - 100, r)), -(2**31), 2**31 - 1)
     absorb[:] = np.clip(np.where(kind == 2, r - 1, r), -(2**31), 2**31 - 1)
-    collide(f, w, LANES)
+    collide(f, w, LANES, SCATTERINGS)
     event = row(w, lanes.EVENT)
-    assert np.array_equal(event, np.array([lanes.SCATTERED, lanes.NULL, lanes.ABSORBED, lanes.NULL])[kind])
+    assert np.array_equal(event, np.array([SCATTERINGS, tally.COLLISIONS_NULL, tally.PER_LAYER, tally.COLLISIONS_NULL])[kind])
     after = f.reshape(-1, LANES)[[lanes.UX // LANES, lanes.UY // LANES, lanes.UZ // LANES]].T
     moved = np.any(after != before.astype(np.float32), axis=1)
-    assert moved[event == lanes.SCATTERED].all() and not moved[event != lanes.SCATTERED].any()
+    assert moved[event == SCATTERINGS].all() and not moved[event != SCATTERINGS].any()
 
 
 def chance(mu_a, mu_s, majorant):
@@ -231,11 +232,11 @@ def test_events_occur_in_their_shares():
     f, w, _, _ = collision_block()
     scatter, absorb = collision_thresholds(np.array([1.5]), np.array([5.0]), np.array([8.0]))[0, 0]
     row(w, lanes.SCATTER_BELOW)[:], row(w, lanes.ABSORB_ABOVE)[:] = scatter, absorb
-    counts = np.zeros(3, int)
+    counts = np.zeros(SCATTERINGS + 1, int)
     for _ in range(400):
-        collide(f, w, LANES)
-        counts += np.bincount(row(w, lanes.EVENT), minlength=3)
-    for event, share in ((lanes.NULL, 1.5 / 8), (lanes.SCATTERED, 5 / 8), (lanes.ABSORBED, 1.5 / 8)):
+        collide(f, w, LANES, SCATTERINGS)
+        counts += np.bincount(row(w, lanes.EVENT), minlength=SCATTERINGS + 1)
+    for event, share in ((tally.COLLISIONS_NULL, 1.5 / 8), (SCATTERINGS, 5 / 8), (tally.PER_LAYER, 1.5 / 8)):
         assert_share(counts[event], counts.sum(), share, 3)
 
 
@@ -245,7 +246,8 @@ def test_a_flight_that_ended_on_a_border_has_no_collision():
     row(w, lanes.ABSORB_ABOVE)[:] = np.where(np.arange(LANES) % 2 == 0, 2**31 - 1, -(2**31))
     border = row(w, lanes.BORDER)
     border[:] = np.arange(LANES) % 5 == 0
-    collide(f, w, LANES)
-    assert np.array_equal(row(w, lanes.EVENT) == lanes.NULL, border == 1)
+    collide(f, w, LANES, SCATTERINGS)
+    assert np.array_equal(row(w, lanes.EVENT) == tally.BORDER_HITS, border == 1)
+    assert not np.any(row(w, lanes.ENDED)[border == 1])
     after = f.reshape(-1, LANES)[[lanes.UX // LANES, lanes.UY // LANES, lanes.UZ // LANES]].T
     assert np.array_equal(after[border == 1], before[border == 1].astype(np.float32))
