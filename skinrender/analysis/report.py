@@ -16,6 +16,7 @@ from skinrender.analysis.plots import save
 from skinrender.analysis.report_findings import Findings, gather_findings
 from skinrender.analysis.report_page import report_page, table1_markdown
 from skinrender.analysis.report_plots import draw_errors
+from skinrender.analysis.stability_page import PAGE_NAME
 from skinrender.atomic import whole_file
 from skinrender.engine.lock import folder_lock
 
@@ -78,7 +79,8 @@ def _write(
     study: Study, outcome: Outcome, findings: Sequence[Findings], out: Path, command: str
 ) -> tuple[Path, ...]:
     page, table = out / PARTS_NAME / "index.html", out / "table1.md"
-    _write_text(page, report_page(study, outcome, findings, command))
+    stability = f"../{PAGE_NAME}" if (out / PAGE_NAME).is_file() else None
+    _write_text(page, report_page(study, outcome, findings, command, stability))
     _write_text(table, table1_markdown(findings))
     plots = [out / f"error_vs_time.{kind}" for kind in ("png", "svg")]
     seen = [found for found in findings if found.series]
