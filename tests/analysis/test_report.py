@@ -88,7 +88,7 @@ def test_every_run_is_a_row_and_a_picture(first):
 
 def test_temporary_files_are_gone(first):
     left = {path.name for path in (first[0] / "report").iterdir()}
-        assert left == {"index.html", "pictures", "plots", "references"}
+    assert left == {"index.html", "pictures", "plots", "references"}
     assert not list(first[0].rglob("photons.npz")) and not list(first[0].rglob("*.part*"))
 
 
