@@ -4,12 +4,14 @@
 # make figures     the paper's figures 10, 12, 13, 14 by the beam estimate; PHOTONS=3.24e8 is the paper's size
 # make table1      the paper's table 1: seconds of each stage, point against beam
 # make methods     figures 12 and 14 by beam, point and reference beside each other, with differences: out/methods
+# make paper-scale the paper's whole figure 10 by beam and by point (PAPER_PHOTONS=3.24e8): seconds, memory, limits; 12 GB of disk
 # make error-time  error against run time on two scenes of 64 x 64 pixels, at most about half an hour: a page in out/error_time
 # make measured-skin  the presets beside measured skin: table and plot in out/measured_skin
 # make lesion-table   color of lesions by depth and amount, and how deep light goes: out/lesion_table
 # make fit-tones   the fit behind skin.tone
 # make faults      kills at random moments of real runs: tries, kills survived, bytes lost; TRIES=200 each with 1 and 2 workers
 # make fuzz        scenes, npz files and images made up at random, FUZZ_SECONDS=60 each
+# make soak        renders in a loop for SOAK_SECONDS=3600: memory flat, nothing left behind
 # make test-all    the slow tests too
 # make stability   the stiff and extreme cases: what could break, what was measured, its bound
 # make search      draws valid scenes at random until one breaks (SEARCH_EXAMPLES=300)
@@ -30,9 +32,11 @@ FIGURES := fig10_forearm fig12_epidermal fig13_papillary fig14_deep
 METHODS := point beam
 ERROR_TIME_SCENES := configs/slab_blue.yaml configs/fig12_epidermal.yaml
 SECONDS ?= 1500
+PAPER_PHOTONS ?= 3.24e8
+SOAK_SECONDS ?= 3600
 
 .PHONY: setup test test-all check stability search smoke figures methods table1 error-time measured-skin lesion-table fit-tones \
-  faults fuzz cross-check docs bench bench-leave-out clean $(FIGURES)
+  faults fuzz soak paper-scale cross-check docs bench bench-leave-out clean $(FIGURES)
 
 setup: $(INSTALLED)
 
@@ -88,6 +92,9 @@ methods: $(INSTALLED)
 	  $(BIN)/python -m skinrender.analysis.method_pictures out/methods/$$scene out/methods/$$scene.png || exit; \
 	done
 
+paper-scale: $(INSTALLED)
+	$(BIN)/python -m benchmarks.paper_scale --photons $(PAPER_PHOTONS) -o out/paper_scale
+
 error-time: $(INSTALLED)
 	$(BIN)/skinrender report $(ERROR_TIME_SCENES) --set 'camera.pixels=[64,64]' \
 	  --photons 1e4 --photons 1e5 --photons 1e6 --photons 1e7 --target-seconds $(SECONDS) -o out/error_time
@@ -114,6 +121,9 @@ faults: $(INSTALLED)
 
 fuzz: $(INSTALLED)
 	$(BIN)/python -W ignore -m tests.system.fuzz --seconds $(FUZZ_SECONDS)
+
+soak: $(INSTALLED)
+	$(BIN)/python -m tests.system.soak --seconds $(SOAK_SECONDS)
 
 bench: $(INSTALLED)
 	$(BIN)/python -m benchmarks.walk

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import html
+import itertools
 from collections.abc import Iterable, Sequence
 
 STYLE = """
@@ -19,11 +20,13 @@ caption { text-align: left; color: #6a5a52; padding-bottom: .4em; max-width: 60e
 th { text-align: right; font-weight: 600; border-bottom: 1px solid #8a7a72; padding: .2em .7em; vertical-align: bottom; }
 td { text-align: right; padding: .1em .7em; border-bottom: 1px solid #eee6e0; font-variant-numeric: tabular-nums; }
 th:first-child, td:first-child, td.text, th.text { text-align: left; }
+tr.good td:last-child { color: #1d6b3a; background: #e9f4ec; } tr.bad td { background: #fbe6e1; }
+tr.bad td:last-child { color: #a01c08; font-weight: bold; }
 figure { margin: 1em 0 1.6em; break-inside: avoid; }
 figure img { max-width: 100%; height: auto; display: block; }
 figcaption { color: #6a5a52; font-size: .92em; max-width: 52em; margin-top: .4em; }
 code { font: 12.5px/1.4 Menlo, Consolas, monospace; background: #f6f1ed; padding: .05em .3em; overflow-wrap: anywhere; }
-@media print { body { margin: 0; max-width: none; font-size: 11px; } table { font-size: 8.5px; } h2 { break-after: avoid; }
+@media print { * { print-color-adjust: exact; } body { margin: 0; max-width: none; font-size: 11px; } table { font-size: 8.5px; } h2 { break-after: avoid; }
                th, td { padding: .08em .35em; } tr { break-inside: avoid; } }
 @page { size: A4; margin: 16mm; }
 """
@@ -42,20 +45,25 @@ def page(title: str, parts: Iterable[str]) -> str:
     )
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[object]], caption: str = "", text_columns: int = 1) -> str:
+def table(
+    head: Sequence[str], rows: Iterable[Sequence[object]], caption: str = "", text_columns: int = 1,
+    good: Sequence[bool] | None = None,
+) -> str:  # fmt: skip
     """A table of escaped cells.
 
     Parameters
     ----------
     text_columns : how many of the first columns hold text, not numbers.
+    good : verdict of each row, which colors it; its last column says the same in words.
     """
 
-    def line(tag: str, cells: Sequence[object]) -> str:
+    def line(tag: str, cells: Sequence[object], kind: str = "") -> str:
         marked = (f'<{tag}{" class=text" if i < text_columns else ""}>{text(cell)}</{tag}>' for i, cell in enumerate(cells))
-        return f"<tr>{''.join(marked)}</tr>"
+        return f"<tr{kind}>{''.join(marked)}</tr>"
 
     told = f"<caption>{text(caption)}</caption>" if caption else ""
-    body = "\n".join(line("td", row) for row in rows)
+    kinds = itertools.repeat("") if good is None else (f" class={'good' if ok else 'bad'}" for ok in good)
+    body = "\n".join(line("td", row, kind) for row, kind in zip(rows, kinds))
     return f"<table>{told}<thead>{line('th', head)}</thead>\n<tbody>{body}</tbody></table>"
 
 

@@ -15,7 +15,8 @@ from skinrender.analysis.error_study import Study
 from skinrender.analysis.plots import save
 from skinrender.analysis.report_findings import Findings, gather_findings
 from skinrender.analysis.report_page import report_page, table1_markdown
-from skinrender.analysis.report_plots import draw_errors
+from skinrender.analysis.report_plots import draw_color_noise, draw_errors, draw_pictures, draw_stages
+from skinrender.analysis.stability_page import PAGE_NAME
 from skinrender.atomic import whole_file
 from skinrender.engine.lock import folder_lock
 
@@ -78,14 +79,30 @@ def _write(
     study: Study, outcome: Outcome, findings: Sequence[Findings], out: Path, command: str
 ) -> tuple[Path, ...]:
     page, table = out / PARTS_NAME / "index.html", out / "table1.md"
-    _write_text(page, report_page(study, outcome, findings, command))
+    stability = f"../{PAGE_NAME}" if (out / PAGE_NAME).is_file() else None
+    _write_text(page, report_page(study, outcome, findings, command, stability))
     _write_text(table, table1_markdown(findings))
-    plots = [out / f"error_vs_time.{kind}" for kind in ("png", "svg")]
-    seen = [found for found in findings if found.series]
-    if seen:
-        for path in plots:
-            save(draw_errors(seen), path)
-    return (page, out / "error_vs_time.csv", *(plots if seen else ()), table)
+    plots = _write_plots([found for found in findings if found.series], out)
+    return (page, out / "error_vs_time.csv", *plots, table)
+
+
+def _write_plots(findings: Sequence[Findings], out: Path) -> tuple[Path, ...]:
+    """Every plot of the page as PNG and SVG, the main one in the report's folder itself."""
+    if not findings:
+        return ()
+    folder = out / PARTS_NAME / "plots"
+    folder.mkdir(exist_ok=True)
+    figures = {
+        out / "error_vs_time": draw_errors(findings),
+        folder / "color_difference": draw_color_noise(findings),
+        folder / "stages": draw_stages(findings),
+    }
+    for number, found in enumerate(findings, start=1):
+        figures[folder / f"pictures_{number}"] = draw_pictures(found)
+    paths = {path.with_suffix(f".{kind}"): figure for path, figure in figures.items() for kind in ("png", "svg")}
+    for path, figure in paths.items():
+        save(figure, path)
+    return tuple(paths)
 
 
 def _write_text(path: Path, text: str) -> None:

@@ -41,8 +41,16 @@ DEFINITIONS = (
 )  # fmt: skip
 
 
-def report_page(study: Study, outcome: Outcome, findings: Sequence[Findings], command: str) -> str:
-    """The page, one HTML file; `command` is how it came about."""
+def report_page(
+    study: Study, outcome: Outcome, findings: Sequence[Findings], command: str, stability: str | None = None
+) -> str:
+    """The page, one HTML file.
+
+    Parameters
+    ----------
+    command : how it came about.
+    stability : the page of stiff and extreme cases that lies beside it, as a link.
+    """
     seen = [found for found in findings if found.series]
     parts = [*_head(study, outcome)]
     if seen:
@@ -50,6 +58,8 @@ def report_page(study: Study, outcome: Outcome, findings: Sequence[Findings], co
         parts += _pictures(seen)
         parts += _times(seen)
         parts += _numbers(seen)
+    parts.append("<h2>Stiff and extreme cases</h2>")
+    parts.append(_stability(stability))
     parts += _settings(study, findings, command)
     return html.page("Error against run time", parts)
 
@@ -168,6 +178,12 @@ def _level_cells(series: Series, level: Level) -> tuple[str, ...]:
         _number(level.mean("delta_e_mean")), _number(level.mean("delta_e_p95")), _number(level.mean("ssim")),
         _number(100 * level.claimed), _number(100 * level.true_noise), _number(level.efficiency),
     )  # fmt: skip
+
+
+def _stability(link: str | None) -> str:
+    if link is None:
+        return "<p><code>skinrender check</code> with the same <code>-o</code> runs them; their page is then linked here.</p>"
+    return f'<p>Each with what it could break, what was measured, the bound and the verdict: <a href="{html.text(link)}">check.html</a>.</p>'
 
 
 def _settings(study: Study, findings: Sequence[Findings], command: str) -> Iterator[str]:

@@ -25,15 +25,26 @@ from skinrender.atomic import whole_file
 from skinrender.engine.executor import in_order
 from skinrender.errors import InputError
 
-_THEMES = (
-    stability_optics, stability_borders, stability_geometry, stability_map, stability_skin, stability_precision,
-)  # fmt: skip
+_THEMES = {
+    "Optics of the tissue": stability_optics,
+    "Borders": stability_borders,
+    "Geometry": stability_geometry,
+    "Photon map and light": stability_map,
+    "Skin": stability_skin,
+    "Precision": stability_precision,
+}
 
 
 @cache
 def all_cases() -> tuple[Case | Refused, ...]:
     """Every case, by theme."""
-    return tuple(case for theme in _THEMES for case in theme.CASES)
+    return tuple(case for theme in _THEMES.values() for case in theme.CASES)
+
+
+@cache
+def theme_of() -> dict[str, str]:
+    """Theme of each case, by its name."""
+    return {case.name: theme for theme, module in _THEMES.items() for case in module.CASES}
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,9 @@ from skinrender.photonmap.light import light_from_scene
 from skinrender.photonmap.photon_pass import PhotonPass
 from skinrender.scene import make_scene
 from skinrender.skin.builder import build_volume
-from skinrender.transport import tally
+from skinrender.transport import kernel, tally
+from skinrender.transport.blockmath import cos_sin_turn, log_unit
+from skinrender.transport.rng import uniform
 
 HISTORIES = 100_000
 FOREARM = {
@@ -31,14 +33,16 @@ FOREARM = {
 WALKED: Mapping[str, Mapping[str, Any]] = {
     "forearm with relief": FOREARM,
     "deep: 30 mm of clear tissue over 3 mm": slab(layer(30.0, 0.001, 0.1, 0.8, 1.4), layer(3.0, 0.1, 20.0, 0.8, 1.4)),
-    "long paths: albedo 1, optical depth 100": slab(layer(10.0, 0.0, 10.0, 0.0, 1.4)),
+    "paths of 1e5 scatterings: albedo 1, optical depth 400": slab(layer(40.0, 0.0, 10.0, 0.0, 1.4)),
     "thin: 0.02 mm of absorber between": slab(
         layer(1.0, 0.1, 20.0, 0.8, 1.4), layer(0.02, 5.0, 5.0, 0.5, 1.5), layer(1.0, 0.1, 20.0, 0.8, 1.33)
     ),
 }
 TURNS = 100_000
-CONTRIBUTIONS = 1 << 27
-PIXEL_PHOTONS = 1e9
+WORTHS = 1 << 20
+PIXEL_PHOTONS = 1_000_000_000
+LIMITS = (-(2**31), -(2**31) + 1, -2, -1, 0, 1, 2, 3, 2**30, 2**31 - 2, 2**31 - 1)
+"""Words of the generator that give the smallest and largest variates, and those about its middle."""
 
 
 def walked(described: Mapping[str, Any], real: type, seed: int) -> np.ndarray:
@@ -81,20 +85,42 @@ def many_turns(outcomes: Sequence[Outcome]) -> Iterator[Measure]:
     yield Measure("z of the mean direction", float(np.abs(z).max()), Z_BOUND)
 
 
-def one_pixel(outcomes: Sequence[Outcome]) -> Iterator[Measure]:
-    """Sum of `CONTRIBUTIONS` photons in one pixel as `deposit` adds them, against a pairwise sum in extended precision.
+@kernel
+def running_sum(worth, count):
+    """Sum of `count` float32 values, taken again and again from an array, as `deposit` adds to a bin: one by one in float64."""
+    total = 0.0
+    for k in range(count):
+        total += worth[k % len(worth)]
+    return total
 
-    What a photon is worth spreads over orders of magnitude: phase function times transmittance, here log-normal. Errors
-    of a running sum in float64 grow with its length, so the measure is scaled up to `PIXEL_PHOTONS`.
+
+def one_pixel(outcomes: Sequence[Outcome]) -> Iterator[Measure]:
+    """Sum of `PIXEL_PHOTONS` photons in one pixel, against an exact sum; allowed is a hundredth of their own noise.
+
+    What a photon is worth spreads over orders of magnitude: phase function times transmittance, here log-normal.
     """
     rng = np.random.default_rng(2)
-    worth = np.exp(1.5 * rng.standard_normal(1 << 20, dtype=np.float32))
-    exact = math.fsum(worth.astype(float)) * (CONTRIBUTIONS / worth.size)
-    total = 0.0
-    for _ in range(CONTRIBUTIONS // worth.size):
-        total = np.add.accumulate(np.concatenate([[total], worth.astype(np.float64)]))[-1]
-    error = abs(total / exact - 1.0) * PIXEL_PHOTONS / CONTRIBUTIONS
+    worth = np.exp(1.5 * rng.standard_normal(WORTHS, dtype=np.float32))
+    whole, rest = divmod(PIXEL_PHOTONS, WORTHS)
+    exact = whole * math.fsum(worth.astype(float)) + math.fsum(worth[:rest].astype(float))
+    error = abs(running_sum(worth, PIXEL_PHOTONS) / exact - 1.0)
     yield Measure("relative error of the sum", float(error), 0.01 / math.sqrt(PIXEL_PHOTONS))
+
+
+def elementary(outcomes: Sequence[Outcome]) -> Iterator[Measure]:
+    """Logarithm and turn of the walk's variates at their limits and between, against double precision."""
+    words = np.concatenate([LIMITS, np.random.default_rng(3).integers(-(2**31), 2**31, 20_000)]).astype(np.int32)
+    variates = [uniform(word) for word in words]
+    logs = [(float(log_unit(u)), math.log(float(u))) for u in variates]
+    yield Measure("relative error of log", max(abs(got / log - 1.0) if log else abs(got) for got, log in logs), 3e-7)
+    yield Measure("longest free path / mean", max(-got for got, _ in logs), 32 * math.log(2.0) * (1 + 3e-7))
+    off = 0.0
+    for u in variates:
+        turn = np.float32(u) - np.float32(0.5)
+        cosine, sine = cos_sin_turn(turn)
+        angle = 2.0 * math.pi * float(turn)
+        off = max(off, abs(float(cosine) - math.cos(angle)), abs(float(sine) - math.sin(angle)))
+    yield Measure("error of cos and sin", off, 1e-6)
 
 
 CASES = (
@@ -107,6 +133,12 @@ CASES = (
         "a direction whose length drifts; a pole of the frame",
         [],
         many_turns,
+    ),
+    Case(
+        "float32: log, cos and sin at their limits",
+        "the logarithm of 0 or of more than 1; a quadrant's border",
+        [],
+        elementary,
     ),
     Case(
         "1e9 photons in one pixel",

@@ -41,7 +41,7 @@ def check(
 
     Each case is a small run of the whole chain, judged by closed forms and invariants. With --slabs FILE the photon
     walk is checked against truths instead: each quantity with what is expected, what was got, the standard error and
-    their z, which must stay below 4. Writes check.csv.
+    their z, which must stay below 4. Writes check.csv; the cases also as a page, check.html.
 
     \b
     Example:
@@ -57,11 +57,13 @@ def check(
 
 def _check_cases(only: str | None, seed: int, output: Path, workers: int | None, console: Console) -> None:
     from skinrender.analysis.stability import planned_cases, run_cases, write_cases
+    from skinrender.analysis.stability_page import write_page
     from skinrender.cli.job import make_folder
 
     numbers, folder = planned_cases(only), make_folder(output)
     found = run_cases(numbers, seed, workers, _watch(console, " cases"))
     write_cases(folder / "check.csv", found)
+    write_page(folder / "check.html", found, seed)
     off = [one for one in found if not one.ok]
     summary = {
         "cases": [one.as_json() for one in found],

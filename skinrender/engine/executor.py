@@ -27,7 +27,15 @@ DEATHS_IN_A_ROW = 3
 MOST_WORKERS, MOST_WORKERS_PER_CORE = 32, 4
 ONE_THREAD = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
+UNGUARDED = "a script that starts processes is imported by each of them: start the run under `if __name__ == '__main__':`"
+
 _enough = None
+
+
+def leave_unguarded_script() -> None:
+    """End this process if it is a worker that is still importing the script it belongs to, and so starts the run again."""
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        raise SystemExit(1)  # the run that started this worker tells why
 
 
 def in_order(
@@ -49,8 +57,9 @@ def in_order(
     open_executor : makes the executor to use in place of a process pool.
 
     Close the iterator (`contextlib.closing`) to drop what was handed out ahead.
-    Raises `RunError` if workers keep dying.
+    Raises `RunError` if workers keep dying, `InputError` if they cannot even begin.
     """
+    leave_unguarded_script()
     most = max(MOST_WORKERS, MOST_WORKERS_PER_CORE * (os.cpu_count() or 1))
     if workers < 1 or workers > most and open_executor is None:
         raise InputError(f"{workers} workers are not possible", where="--workers", remedy=f"use 1 to {most}")
@@ -75,10 +84,12 @@ class _Handout:
         self._work = work
         self._indices = indices
         self._ahead = workers + 1
-        self._tell_enough = None
+        self._tell_enough = self._begun = None
         if open_executor is None:
-            enough, self._tell_enough = multiprocessing.get_context("spawn").Pipe(duplex=False)
-            open_executor = _pool_opener(workers, enough)
+            context = multiprocessing.get_context("spawn")
+            enough, self._tell_enough = context.Pipe(duplex=False)
+            self._begun, tell_begun = context.Pipe(duplex=False)
+            open_executor = _pool_opener(workers, enough, tell_begun)
         self._open_executor = open_executor
         self._executor = open_executor()
         self._pending: deque[tuple[int, Future]] = deque()
@@ -132,12 +143,13 @@ class _Handout:
             return broken
 
     def _replace(self, error: BrokenExecutor) -> None:
+        if self._begun is not None and not self._begun.poll():
+            raise InputError("worker processes end before they begin", where="workers", remedy=f"{UNGUARDED}, or use 1") from error
         self._deaths += 1
         if self._deaths > DEATHS_IN_A_ROW:
             raise RunError(
                 f"worker processes died {self._deaths} times in a row (out of memory?)\n"
-                "  try fewer --workers; what is finished is kept: go on with --resume\n"
-                "  (a script of your own must start the run under `if __name__ == '__main__':`)"
+                "  try fewer --workers; what is finished is kept: go on with --resume"
             ) from error
         self._close()
         self._executor = self._open_executor()
@@ -150,10 +162,10 @@ def _has_result(future: Future) -> bool:
     return future.done() and not future.cancelled() and not isinstance(future.exception(), BrokenExecutor)
 
 
-def _pool_opener(workers: int, enough) -> Callable[[], Executor]:
+def _pool_opener(workers: int, enough, tell_begun) -> Callable[[], Executor]:
     def open_pool() -> ProcessPoolExecutor:
         context = multiprocessing.get_context("spawn")
-        return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker, initargs=(enough,))
+        return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker, initargs=(enough, tell_begun))
 
     return open_pool
 
@@ -168,14 +180,15 @@ def _interrupts_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _begin_worker(enough) -> None:
+def _begin_worker(enough, tell_begun) -> None:
     """One thread for every library, deaf to Ctrl-C, and gone when the parent is gone.
 
     `enough` is a pipe in which a message appears, and stays, when the run is over: it has no lock that a killed worker
-    could take with it.
+    could take with it. Into `tell_begun` goes that this worker has come so far.
     """
     global _enough
     _enough = enough
+    tell_begun.send_bytes(b"begun")
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_leave_with_parent, daemon=True).start()

@@ -20,6 +20,7 @@ from skinrender.atomic import clear_partial_files
 from skinrender.engine.clock import StageClock
 from skinrender.engine.crew import Crew
 from skinrender.engine.disk import check_free_space, disk_errors
+from skinrender.engine.executor import leave_unguarded_script
 from skinrender.engine.interrupt import Interrupt, Interrupted, listen
 from skinrender.engine.ledger import Ledger
 from skinrender.engine.lock import folder_lock
@@ -77,10 +78,11 @@ def trace(
 
     Raises
     ------
-    InputError : another run has the folder, or there is nothing fitting to resume.
+    InputError : another run has the folder, there is nothing fitting to resume, or workers cannot begin.
     RunError : the disk is full or read-only, workers keep dying, or a photon is lost.
     Interrupted : by SIGINT or SIGTERM; finished rounds are kept.
     """
+    leave_unguarded_script()
     _check_shard(shard, stop)
     out_dir, clock = Path(out_dir).absolute(), clock or StageClock()
     crew = Crew(workers, progress, open_executor)

@@ -88,7 +88,7 @@ def test_every_run_is_a_row_and_a_picture(first):
 
 def test_temporary_files_are_gone(first):
     left = {path.name for path in (first[0] / "report").iterdir()}
-    assert left == {"index.html", "pictures", "references"}
+    assert left == {"index.html", "pictures", "plots", "references"}
     assert not list(first[0].rglob("photons.npz")) and not list(first[0].rglob("*.part*"))
 
 
@@ -206,8 +206,18 @@ def test_the_table_and_plots_are_there(first):
     out = first[0]
     table = (out / "table1.md").read_text(encoding="utf-8")
     assert "| estimate |" in table and "| 11754 | 1740 | 6.76 |" in table and "<script>" not in table
-    assert (out / "error_vs_time.png").read_bytes().startswith(b"\x89PNG")
-    assert b"<svg" in (out / "error_vs_time.svg").read_bytes()
+    plots = [out / "error_vs_time", *(out / "report/plots" / name for name in ("color_difference", "stages", "pictures_1"))]
+    for plot in plots:
+        assert plot.with_suffix(".png").read_bytes().startswith(b"\x89PNG") and b"<svg" in plot.with_suffix(".svg").read_bytes()
+
+
+def test_the_page_of_extreme_cases_beside_it_is_linked(first, tmp_path):
+    copied = tmp_path / "report"
+    shutil.copytree(first[0], copied)
+    assert "check.html" not in (copied / "report/index.html").read_text(encoding="utf-8")
+    (copied / "check.html").touch()
+    report(study(), copied, progress=False)
+    assert '<a href="../check.html">' in (copied / "report/index.html").read_text(encoding="utf-8")
 
 
 def test_errors_agree_with_what_theory_says(first):

@@ -18,9 +18,10 @@ from skinrender.analysis.closed_forms import (
     half_space_radiance,
     half_space_reflectance,
 )
-from skinrender.analysis.stability import all_cases, planned_cases, run_cases, write_cases
+from skinrender.analysis.stability import Found, all_cases, planned_cases, run_cases, write_cases
 from skinrender.analysis.stability_case import Case, Measure, measure
 from skinrender.analysis.stability_judges import expects, same_share, shows
+from skinrender.analysis.stability_page import write_page
 from skinrender.analysis.stability_scenes import half_space, layer, slab
 from skinrender.errors import InputError
 
@@ -141,3 +142,15 @@ def test_command_fails_when_a_case_is_off(tmp_path, monkeypatch):
     result = call("check", "-o", tmp_path, "--workers", "1")
     assert result.exit_code == 1 and "OFF" in result.stdout and "off" in result.stderr
     assert call("check", "--only", "nonsense", "-o", tmp_path).exit_code == 2
+
+
+def test_page_lists_every_case_with_its_verdict(tmp_path):
+    """Parsed as a browser would; one case is off, which must show in words."""
+    right = Found(all_cases()[0].name, "nothing", (Measure("z", 1.0, 4.0), Measure("lost", 0.0, 0.0)), 1.5)
+    wrong = Found("made up <&>", "all", (Measure("z", 9.0, 4.0),), 0.5)
+    write_page(tmp_path / "check.html", [right, wrong], 7)
+    text = (tmp_path / "check.html").read_text(encoding="utf-8")
+    assert "2 cases, 3 measures: 1 of them off" in text and "made up &lt;&amp;&gt;" in text
+    assert text.count("<tr class=good>") == 1 and text.count("<tr class=bad>") == 1
+    assert "<td>OFF</td>" in text and "<script" not in text and "src=" not in text
+    assert "Optics of the tissue" in text

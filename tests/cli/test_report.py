@@ -10,9 +10,8 @@ def test_report_tells_what_it_wrote_and_goes_on(slab, tmp_path):
     arguments = ("report", slab, *FEW, "--method", "beam", "--method", "beam:50", "-o", out)
     told = summary_of(call(*arguments, "--json"))
     assert (told["runs"], told["runs_new"], told["left_out"]) == (4, 4, [])
-    assert [path.rpartition("/")[2] for path in told["files"]] == [
-        "index.html", "error_vs_time.csv", "error_vs_time.png", "error_vs_time.svg", "table1.md",
-    ]  # fmt: skip
+    plots = [f"{name}.{kind}" for name in ("error_vs_time", "color_difference", "stages", "pictures_1") for kind in ("png", "svg")]
+    assert [path.rpartition("/")[2] for path in told["files"]] == ["index.html", "error_vs_time.csv", *plots, "table1.md"]
     scene = told["scenes"][0]
     assert scene["reference"]["kind"] == "reference" and scene["reference"]["photons"] == 40_000
     assert [(series["method"], series["gather_count"]) for series in scene["series"]] == [("beam", None), ("beam", 50)]

@@ -113,6 +113,7 @@ def local_cluster():
 
 
 @pytest.mark.slow
+@pytest.mark.kills
 def test_a_cluster_makes_the_same_bytes_through_a_workers_death(local_cluster, volume, tmp_path):
     scene = make_scene(SLAB)
     trace(scene, volume, tmp_path / "here", workers=1, progress=False)
@@ -156,6 +157,7 @@ def test_rounds_that_are_there_are_not_walked_again(local_cluster, volume, tmp_p
 
 
 @pytest.mark.slow
+@pytest.mark.kills
 def test_a_lost_scheduler_ends_the_run_and_keeps_what_is_finished(volume, tmp_path):
     """The scheduler is killed, as by a machine that goes down."""
     command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--port", "0", "--no-dashboard"]

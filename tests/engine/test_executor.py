@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 import os
+import subprocess
+import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
@@ -79,3 +81,23 @@ def test_check_ends_the_run_between_rounds():
 def test_impossible_numbers_of_workers_are_refused(workers):
     with pytest.raises(InputError, match=f"{workers} workers"):
         next(in_order(fail, [0], workers=workers))
+
+
+UNGUARDED_SCRIPT = """
+import sys
+from skinrender import load_scene, save_volume, build, trace
+scene = load_scene(sys.argv[1])
+save_volume(build(scene), sys.argv[2] + "/volume.npz")
+trace(scene, sys.argv[2] + "/volume.npz", sys.argv[2] + "/out", workers=2, progress=False)
+"""
+
+
+def test_a_script_without_a_guard_is_told_what_is_wrong_with_it(tmp_path, repository):
+    script = tmp_path / "script.py"
+    script.write_text(UNGUARDED_SCRIPT)
+    command = [sys.executable, str(script), str(repository / "configs" / "slab_red.yaml"), str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "InputError: workers: worker processes end before they begin" in done.stderr
+    assert "`if __name__ == '__main__':`" in done.stderr.splitlines()[-1]
+    assert "another run" not in done.stderr and done.stderr.count("Traceback") <= 2  # the error and its cause

@@ -44,23 +44,24 @@ class Watchdog:
     """Runs scenes in a process of its own, which is ended when one takes too long."""
 
     def __init__(self) -> None:
-        self._pool: ProcessPoolExecutor | None = None
+        self._begin()
 
     def __call__(self, described: dict[str, Any]) -> list[str]:
-        if self._pool is None:
-            self._pool = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
         try:
             return self._pool.submit(told, described).result(timeout=SECONDS)
         except TookTooLong:
             self.end()
+            self._begin()
             return [f"not done in {SECONDS} s"]
 
+    def _begin(self) -> None:
+        self._pool = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
+        self._pool.submit(os.getpid).result()  # a process of the fixture's, not of the first test's
+
     def end(self) -> None:
-        if self._pool is not None:
-            for process in self._pool._processes.values():
-                process.kill()
-            self._pool.shutdown()
-            self._pool = None
+        for process in self._pool._processes.values():
+            process.kill()
+        self._pool.shutdown()
 
 
 @pytest.fixture(scope="module")

@@ -23,6 +23,7 @@ from tests.system.kills import (
     wait_for_moment,
 )
 
+pytestmark = pytest.mark.kills
 MANY = int(os.environ.get("SKINRENDER_KILLS", "60"))
 
 
