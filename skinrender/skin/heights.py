@@ -30,11 +30,13 @@ class Heights:
     Parameters
     ----------
     fold : how far the borders below follow them.
+    thickening_mm (K, hx, hy) f4 : how much lower borders at the K nodes of the fold lie for the surface's slopes.
     """
 
     surface_mm: np.ndarray | None
     wave_mm: np.ndarray | None
     fold: border.Fold
+    thickening_mm: np.ndarray | None = None
 
     def at(self, depth_mm: float) -> np.ndarray:
         """Control points (hx, hy) of the border at a depth, mm."""
@@ -43,6 +45,9 @@ class Heights:
         z = np.full(some.shape, depth_mm)
         if self.surface_mm is not None:
             z += relief_share * self.surface_mm
+        if self.thickening_mm is not None:
+            k, part = self.fold.between(depth_mm)
+            z += (1 - part) * self.thickening_mm[k] + part * self.thickening_mm[k + 1]
         if self.wave_mm is not None:
             z += wave_share * self.wave_mm
         return z
@@ -78,7 +83,10 @@ def scene_heights(scene: Scene, layers: Sequence[LayerSpec]) -> Heights | None:
     if surface is None and wave is None:
         return None
     deepest = sum(float(field.max()) for field in (surface, wave) if field is not None)
-    return Heights(surface, wave, border.fold(layers, deepest))
+    fold = border.fold(layers, deepest)
+    if surface is None:
+        return Heights(surface, wave, fold)
+    return Heights(surface, wave, fold, border.thickening_mm(surface, size_mm, fold))
 
 
 def heights_bytes(samples: tuple[int, int], layers: int) -> int:
