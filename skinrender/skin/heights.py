@@ -11,6 +11,7 @@ import numpy as np
 from skinrender.errors import InputError
 from skinrender.scene import Scene
 from skinrender.skin import border, relief
+from skinrender.skin.aging import aging
 from skinrender.skin.anatomy import LayerSpec, border_depths
 from skinrender.skin.gray import read_gray
 from skinrender.skin.memory import require_memory
@@ -107,10 +108,13 @@ def _surface(scene: Scene, samples: tuple[int, int]) -> np.ndarray | None:
         return None
     if described.kind == "height_map":
         return relief.height_map(_read_heights_um(scene), samples)
-    if described.families is None and scene.skin is not None and scene.skin.site == "cheek":
-        return relief.polygonal(size_mm, samples, described.noise_um, described.seed)
-    families = relief.FOREARM if described.families is None else described.families
-    return relief.furrowed(families, size_mm, samples, described.noise_um, described.seed)
+    noise = described.noise_um, described.seed
+    if described.families is not None:
+        return relief.furrowed(described.families, size_mm, samples, *noise)
+    age = aging(scene.skin.site, described.age_years, described.anisotropy)
+    if scene.skin.site == "cheek":
+        return relief.polygonal(size_mm, samples, *noise, age)
+    return relief.furrowed(relief.aged_families(relief.FOREARM, age), size_mm, samples, *noise)
 
 
 def _wave(
