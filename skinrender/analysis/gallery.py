@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import subprocess
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from skinrender.analysis.plots import INK, new_figure, save
+from skinrender.analysis.rendered import render
 
 CLOSE = ("patch.size_mm=[6,6]", "camera.pixels=[180,180]", "bands_nm.step=20")
 """6 mm across: furrows of 100 um are three columns and pixels wide. 21 bands color skin as 81 do."""
@@ -54,16 +53,12 @@ SHEET = {
 }
 
 
-def render(cell: Cell, configs: Path, folder: Path, photons: float) -> np.ndarray:
-    """Its picture (h, w, 3) u1. The photon map is removed: a sheet of them would fill gigabytes."""
+def picture(cell: Cell, configs: Path, folder: Path, photons: float) -> np.ndarray:
+    """A cell's picture (h, w, 3) u1."""
     from skimage.io import imread
 
     changes = [word for change in (*CLOSE, *cell.changes) for word in ("--set", change)]
-    scene, options = str(configs / f"{cell.scene}.yaml"), ["--method", "beam", "--photons", f"{photons:g}", "-q"]
-    subprocess.run(
-        [sys.executable, "-m", "skinrender.cli", "render", scene, *options, *changes, "-o", str(folder)], check=True
-    )
-    (folder / "photons.npz").unlink()
+    render(configs / f"{cell.scene}.yaml", folder, ["--method", "beam", "--photons", f"{photons:g}", *changes])
     return imread(folder / "beam.png")
 
 
@@ -73,8 +68,8 @@ def draw_sheet(pictures: dict[str, Sequence[tuple[str, np.ndarray]]], path: Path
     figure = new_figure(1.85 * columns, 2.25 * len(pictures), dpi=110)
     for part, (heading, row) in zip(np.atleast_1d(figure.subfigures(len(pictures), 1)), pictures.items()):
         part.suptitle(heading, fontsize=10, color=INK, x=0.005, ha="left")
-        for axes, (label, picture) in zip(part.subplots(1, columns), row):
-            axes.imshow(picture, interpolation="lanczos")
+        for axes, (label, shown) in zip(part.subplots(1, columns), row):
+            axes.imshow(shown, interpolation="lanczos")
             axes.set_title(label, fontsize=7, color=INK)
             axes.axis("off")
     save(figure, path)
@@ -89,7 +84,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     wanted = parser.parse_args(arguments)
     pictures = {
         heading: [
-            (cell.label, render(cell, wanted.configs, wanted.output / f"{r}_{c}", wanted.photons))
+            (cell.label, picture(cell, wanted.configs, wanted.output / f"{r}_{c}", wanted.photons))
             for c, cell in enumerate(row)
         ]
         for r, (heading, row) in enumerate(SHEET.items())

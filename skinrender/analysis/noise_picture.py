@@ -7,14 +7,12 @@ as many fewer are gathered: its kernel.
 from __future__ import annotations
 
 import argparse
-import json
-import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from skinrender.analysis.plots import INK, new_figure, save
+from skinrender.analysis.rendered import render
 
 PAPER_PHOTONS, PAPER_GATHERED = 3.24e8, 32400
 METHODS = ("point", "beam")
@@ -22,19 +20,11 @@ DETAIL = 100
 """Pixels a side of the part that is shown."""
 
 
-def render(scene: Path, folder: Path, options: Sequence[str]) -> dict[str, Any]:
-    """The summary of `skinrender render`, whose picture stays in the folder."""
-    command = [sys.executable, "-m", "skinrender.cli", "render", str(scene), *options, "-o", str(folder), "-q", "--json"]
-    return json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout)
-
-
 def as_paper(scene: Path, folder: Path, method: str, photons: float) -> dict[str, Any]:
-    """A render at the paper's settings; its photon map is removed."""
+    """Summary of a render at the paper's settings."""
     gathered = max(1, round(PAPER_GATHERED * photons / PAPER_PHOTONS))
     options = ["--method", method, "--photons", f"{photons:g}", "--gather-count", str(gathered)]
-    summary = render(scene, folder, [*options, "--set", "photons.roulette=false"])
-    (folder / "photons.npz").unlink()
-    return summary
+    return render(scene, folder, [*options, "--set", "photons.roulette=false"])
 
 
 def caption(name: str, summary: dict[str, Any]) -> str:

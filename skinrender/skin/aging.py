@@ -13,7 +13,6 @@ The directions are measured, the straight lines between two ages are assumed.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np

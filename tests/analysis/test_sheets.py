@@ -36,7 +36,7 @@ def test_sheet_shows_every_picture(tmp_path):
 def test_picture_of_the_gallery_and_noise_of_the_paper(tmp_path):
     """Both by the shipped command; with fewer photons the paper gathers as many fewer."""
     cell = gallery.Cell("smoke_beam", "smoke", ("camera.pixels=[8,8]", "bands_nm.step=200"))
-    assert gallery.render(cell, CONFIGS, tmp_path / "cell", 2e4).shape == (8, 8, 3)
+    assert gallery.picture(cell, CONFIGS, tmp_path / "cell", 2e4).shape == (8, 8, 3)
     summary = noise_picture.as_paper(CONFIGS / "smoke_point.yaml", tmp_path / "paper", "point", 1e5)
     assert not (tmp_path / "paper" / "photons.npz").exists() and summary["photons_stored"] >= 1e5
     assert 1 < summary["photons_gathered_mean"] < 100 and 0 < summary["stderr_relative_mean"] < 2
