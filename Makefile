@@ -8,6 +8,8 @@
 # make error-time  error against run time on two scenes of 64 x 64 pixels, at most about half an hour: a page in out/error_time
 # make measured-skin  the presets beside measured skin: table and plot in out/measured_skin
 # make lesion-table   color of lesions by depth and amount, and how deep light goes: out/lesion_table
+# make gallery     sites, tones, ages, lesions and lights on one sheet: out/gallery/gallery.png
+# make noise       figure 10 at the paper's settings and at ours in the same time: out/noise/noise.png; PAPER_PHOTONS=3.24e8
 # make fit-tones   the fit behind skin.tone
 # make faults      kills at random moments of real runs: tries, kills survived, bytes lost; TRIES=200 each with 1 and 2 workers
 # make fuzz        scenes, npz files and images made up at random, FUZZ_SECONDS=60 each
@@ -35,8 +37,8 @@ SECONDS ?= 1500
 PAPER_PHOTONS ?= 3.24e8
 SOAK_SECONDS ?= 3600
 
-.PHONY: setup test test-all check stability search smoke figures methods table1 error-time measured-skin lesion-table fit-tones \
-  faults fuzz soak paper-scale cross-check docs bench bench-leave-out clean $(FIGURES)
+.PHONY: setup test test-all check stability search smoke figures methods table1 error-time measured-skin lesion-table gallery \
+  noise fit-tones faults fuzz soak paper-scale cross-check docs bench bench-leave-out clean $(FIGURES)
 
 setup: $(INSTALLED)
 
@@ -104,6 +106,12 @@ measured-skin: $(INSTALLED)
 
 lesion-table: $(INSTALLED)
 	$(BIN)/python -m skinrender.analysis.lesion_table
+
+gallery: $(INSTALLED)
+	$(BIN)/python -m skinrender.analysis.gallery
+
+noise: $(INSTALLED)
+	$(BIN)/python -m skinrender.analysis.noise_picture --photons $(PAPER_PHOTONS)
 
 fit-tones: $(INSTALLED)
 	$(BIN)/python -m benchmarks.fit_tones

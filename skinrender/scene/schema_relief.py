@@ -36,6 +36,14 @@ class ProceduralRelief(Part):
     families: tuple[FurrowFamily, ...] | None = Field(
         None, description="families of furrows; left out = those of the skin's site"
     )
+    age_years: Annotated[Number, Field(ge=0, le=120)] = Field(
+        30.0, description="age of the skin: from 30 years on furrows grow fewer, from 40 on deeper"
+    )
+    anisotropy: Annotated[Number, Field(ge=0, le=0.9)] | None = Field(
+        None,
+        description="share of their depth that the furrows of the lesser directions have lost, or how much longer than wide "
+        "a cheek's polygons are, 1/(1 - a); left out = that of the age",
+    )
     noise_um: Annotated[Number, Field(ge=0, le=1000)] = Field(
         2.0, description="standard deviation of the fine roughness added to the furrows"
     )
@@ -43,6 +51,13 @@ class ProceduralRelief(Part):
     samples: tuple[Samples, Samples] | None = Field(
         None, description="samples of the height field along x and y; left out = as many as the furrows need"
     )
+
+    @model_validator(mode="after")
+    def _check(self) -> ProceduralRelief:
+        aged = {"age_years", "anisotropy"} & self.model_fields_set
+        if self.families is not None and aged:
+            raise mistake(f"{min(aged)} has no effect on families that are given; remove it")
+        return self
 
 
 def _ascending_range(range_um: tuple[float, float]) -> tuple[float, float]:

@@ -11,6 +11,7 @@ import numpy as np
 from skinrender.errors import InputError
 from skinrender.scene import Scene
 from skinrender.skin import border, relief
+from skinrender.skin.aging import aging
 from skinrender.skin.anatomy import LayerSpec, border_depths
 from skinrender.skin.gray import read_gray
 from skinrender.skin.memory import require_memory
@@ -30,11 +31,13 @@ class Heights:
     Parameters
     ----------
     fold : how far the borders below follow them.
+    thickening_mm (K, hx, hy) f4 : how much lower borders at the K nodes of the fold lie for the surface's slopes.
     """
 
     surface_mm: np.ndarray | None
     wave_mm: np.ndarray | None
     fold: border.Fold
+    thickening_mm: np.ndarray | None = None
 
     def at(self, depth_mm: float) -> np.ndarray:
         """Control points (hx, hy) of the border at a depth, mm."""
@@ -43,6 +46,9 @@ class Heights:
         z = np.full(some.shape, depth_mm)
         if self.surface_mm is not None:
             z += relief_share * self.surface_mm
+        if self.thickening_mm is not None:
+            k, part = self.fold.between(depth_mm)
+            z += (1 - part) * self.thickening_mm[k] + part * self.thickening_mm[k + 1]
         if self.wave_mm is not None:
             z += wave_share * self.wave_mm
         return z
@@ -78,7 +84,10 @@ def scene_heights(scene: Scene, layers: Sequence[LayerSpec]) -> Heights | None:
     if surface is None and wave is None:
         return None
     deepest = sum(float(field.max()) for field in (surface, wave) if field is not None)
-    return Heights(surface, wave, border.fold(layers, deepest))
+    fold = border.fold(layers, deepest)
+    if surface is None:
+        return Heights(surface, wave, fold)
+    return Heights(surface, wave, fold, border.thickening_mm(surface, size_mm, fold))
 
 
 def heights_bytes(samples: tuple[int, int], layers: int) -> int:
@@ -99,10 +108,13 @@ def _surface(scene: Scene, samples: tuple[int, int]) -> np.ndarray | None:
         return None
     if described.kind == "height_map":
         return relief.height_map(_read_heights_um(scene), samples)
-    if described.families is None and scene.skin is not None and scene.skin.site == "cheek":
-        return relief.polygonal(size_mm, samples, described.noise_um, described.seed)
-    families = relief.FOREARM if described.families is None else described.families
-    return relief.furrowed(families, size_mm, samples, described.noise_um, described.seed)
+    noise = described.noise_um, described.seed
+    if described.families is not None:
+        return relief.furrowed(described.families, size_mm, samples, *noise)
+    age = aging(scene.skin.site, described.age_years, described.anisotropy)
+    if scene.skin.site == "cheek":
+        return relief.polygonal(size_mm, samples, *noise, age)
+    return relief.furrowed(relief.aged_families(relief.FOREARM, age), size_mm, samples, *noise)
 
 
 def _wave(

@@ -92,6 +92,10 @@ ADDED = {
             "(did you mean 'procedural'?)"
         ),
     ),
+    "age of furrows that are given": (
+        "relief: {age_years: 60, families: []}",
+        "scene.yaml:7:1: relief: age_years has no effect on families that are given; remove it",
+    ),
     "kind that is no word": (
         "camera: {kind: [1]}",
         "scene.yaml:7:10: camera.kind: got '[1]'; allowed: 'orthographic', 'perspective'",

@@ -29,6 +29,30 @@ def test_epidermis_keeps_its_thickness_under_the_relief():
     assert np.allclose([z["stratum_corneum"], z["granular_spinous"], z["basal"]], [0.08, 0.125, 0.135])
 
 
+def test_epidermis_keeps_its_thickness_along_the_normal():
+    """Every point of a border is as far from the surface as its layer is thick: on walls, at bottoms and at shoulders."""
+    furrow = 0.05 * np.clip(1 - np.abs(np.arange(-40, 40) / 80) / 0.0625, 0, 1)
+    surface = spline.control_points(np.repeat(furrow[:, None], 8, axis=1))
+    center = (np.arange(80) + 0.5) / 80
+    fine = np.linspace(0, 1, 8000, endpoint=False)
+    height = spline.evaluate_grid(surface, (1.0, 0.1), fine, np.array([0.05]))[:, 0]
+    for distance in (0.02, 0.075):
+        below = border.offset_mm(surface, (1.0, 0.1), distance)[:, 4]
+        nearest = np.sqrt((fine - center[:, None]) ** 2 + (height - below[:, None]) ** 2).min(axis=1)
+        assert np.allclose(nearest[10:70], distance, rtol=0.025)
+        vertical = below - np.interp(center, fine, height)
+        assert vertical.max() > 1.2 * distance and vertical[15] == pytest.approx(distance)
+
+
+def test_thickening_leaves_level_skin_and_the_bottom_of_the_fold():
+    fold = border.fold(LAYERS, 0.1)
+    assert not border.thickening_mm(np.full((6, 5), 0.3, np.float32), SIZE, fold).round(7).any()
+    rough = np.random.default_rng(3).standard_normal((40, 40)).astype(np.float32) * 0.03
+    added = border.thickening_mm(rough, SIZE, fold)
+    assert np.all(np.diff(added[:-1], axis=0) >= 0) and not added[0].any() and not added[-1].any()
+    assert np.all(rough + added <= rough.max() + 1e-6)
+
+
 def test_wave_thins_the_spinous_layer_only():
     z = _fields(0.0, -0.02)
     assert np.allclose([z["stratum_corneum"], z["granular_spinous"], z["basal"]], [0.02, 0.045, 0.055])

@@ -75,13 +75,16 @@ def test_melanin_absorbs_and_leaves_scattering(spot):
 
 
 def test_fold_keeps_epidermal_thickness_column_by_column():
+    """Along the normal: vertically it is never less, and as much where the surface is level."""
     volume = build_volume(scene())
     plane = np.diff(volume.z_edges_mm)[0]
     assert plane <= 0.005 + 1e-12
-    assert np.abs(thickness(volume, "stratum_corneum") - 0.020).max() <= plane + 1e-9
-    assert np.abs(thickness(volume, "basal") - 0.010).max() <= plane + 1e-9
-    viable = thickness(volume, "granular_spinous") + thickness(volume, "basal")
-    assert viable.min() > 0.020 - plane and abs(viable.mean() - 0.055) < 0.002
+    corneum, basal = thickness(volume, "stratum_corneum"), thickness(volume, "basal")
+    assert corneum.min() >= 0.020 - plane - 1e-9 and basal.min() >= 0.010 - plane - 1e-9
+    assert abs(np.median(corneum) - 0.020) <= plane and abs(np.median(basal) - 0.010) <= plane
+    assert corneum.max() > 0.029
+    viable = thickness(volume, "granular_spinous") + basal
+    assert viable.min() > 0.020 - plane and 0.055 < viable.mean() < 0.065
     assert np.ptp(thickness(volume, "upper_plexus")) < 1e-12
 
 

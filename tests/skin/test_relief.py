@@ -7,6 +7,7 @@ import pytest
 
 from skinrender.errors import InputError
 from skinrender.skin import relief, spline
+from skinrender.skin.aging import YOUNG, Aging, aging
 
 SIZE = (4.0, 3.0)
 SAMPLES = relief.default_samples(SIZE)
@@ -35,8 +36,8 @@ def test_no_seam(surface):
         assert steps[0].mean() < inside.mean() + 4 * inside.std()
 
 
-def test_plateaus_and_furrows(surface):
-    """Skin is skewed: wide plateaus above the mean plane, narrow furrows below (z points down)."""
+def test_cushions_and_furrows(surface):
+    """Skin is skewed: wide cushions above the mean plane, narrow furrows below (z points down)."""
     assert (surface < 0).mean() > 0.6 and surface.max() > 2 * -surface.min()
 
 
@@ -49,11 +50,46 @@ def test_one_family_has_its_number_of_furrows_depth_and_width():
     family = relief.FurrowFamily(angle_deg=90, spacing_mm=0.5, depth_um=60, width_um=200)
     depth = relief.furrowed([family], (4.0, 4.0), (320, 320), noise_um=0)
     depth -= depth.min()
-    furrowed = depth > 1e-6
+    furrowed = depth > 0.016  # all but the rounding of the cushions between
     starts = furrowed & ~np.roll(furrowed, 1, axis=0)
     assert 7.2 < starts.sum(axis=0).mean() < 8.8
     assert 0.30 < furrowed.mean() < 0.50
     assert 0.045 < depth[(depth > np.roll(depth, 1, 0)) & (depth > np.roll(depth, -1, 0))].mean() < 0.065
+
+
+def test_cushions_are_round():
+    """Between the V's the surface goes on to rise, by up to a quarter of the depth, and far less steeply."""
+    family = relief.FurrowFamily(angle_deg=90, spacing_mm=0.8, depth_um=60, width_um=100)
+    depth = relief.furrowed([family], (4.0, 4.0), (640, 640), noise_um=0)
+    slope = np.abs(np.diff(depth, axis=0)) / (4.0 / 640)
+    cushion = depth[1:] - depth.min() < 0.012
+    assert 0 < np.median(slope[cushion]) < 0.1 and 0.5 < cushion.mean() < 0.9 and slope.max() > 0.6
+
+
+def test_furrows_wander():
+    """A furrow leaves its straight line by a good part of the spacing, and its depth comes and goes along it."""
+    family = relief.FurrowFamily(angle_deg=0, spacing_mm=1.0, depth_um=60, width_um=100)
+    depth = relief.furrowed([family], (4.0, 4.0), (320, 320), noise_um=0)
+    line = depth[:, :160].argmax(axis=1) * 4.0 / 320
+    along = depth.max(axis=1)
+    assert line.std() > 0.05 and 0.1 < along.std() / (along.mean() - depth.min()) < 0.4
+
+
+def test_age_makes_furrows_fewer_deeper_and_of_one_direction():
+    young, old = aging("forearm", 30), aging("forearm", 80)
+    assert young == YOUNG and old.depth == pytest.approx(2.2) and old.spacing == 2 and old.anisotropy == 0.6
+    assert aging("forearm", 38).depth == 1 and aging("cheek", 80).depth == pytest.approx(1.6)
+    assert aging("forearm", 80, anisotropy=0).anisotropy == 0
+    first, second, *_ = relief.aged_families(relief.FOREARM, old)
+    assert first.depth_um == pytest.approx(99) and second.depth_um == pytest.approx(0.4 * 99)
+    assert first.spacing_mm == second.spacing_mm == 0.9
+
+
+def test_anisotropy_makes_long_cells():
+    """Steps along a cell are fewer than across it."""
+    long = relief.polygonal(SIZE, SAMPLES, noise_um=0, aging=Aging(1.0, 1.0, 0.6), pore_depth_um=0)
+    along, across = (np.abs(np.diff(long, axis=axis)).mean() for axis in (0, 1))
+    assert across > 1.5 * along
 
 
 def test_furrows_wider_apart_than_the_patch():

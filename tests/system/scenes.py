@@ -108,6 +108,12 @@ RELIEF = st.one_of(
         }
     ),
 )  # fmt: skip
+AGED = st.fixed_dictionaries(
+    {
+        "kind": st.just("procedural"), "age_years": st.sampled_from([0, 30, 55, 120]),
+        "anisotropy": st.sampled_from([None, 0, 0.9]), "samples": st.just([32, 32]),
+    }
+)  # fmt: skip
 
 
 @st.composite
@@ -166,4 +172,5 @@ def scenes(draw) -> dict[str, Any]:
     }
     if draw(st.booleans()):
         return {**described, "slab": draw(SLABS), "below": {"refractive_index": draw(st.one_of(st.none(), INDEX))}}
+    described["relief"] = draw(st.one_of(st.just(described["relief"]), AGED))
     return {**described, "skin": draw(SKINS), "lesions": draw(st.lists(LESIONS, max_size=2))}
