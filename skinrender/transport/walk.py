@@ -245,8 +245,10 @@ def walk(f, w, source, light, medium, relief, keep, position, direction, tallies
     if position is not None:
         room = direction.shape[0] - LANES
     if cursor[0] == 0:
-        while n < LANES and launch(f, w, n, source, medium.borders, medium.majorant, relief, light, tally, cursor):
-            n += 1
+        for i in range(LANES):
+            w[LISTED + i] = i
+        relaunch(f, w, LANES, source, medium, relief, light, tally, cursor)
+        n = close_holes(f, w, LANES)
     while n > 0 and stored <= room and passes < _PASSES:
         passes += 1
         launched = cursor[0]
