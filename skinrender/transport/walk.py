@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from skinrender.transport import kernel
+from skinrender.transport import inlined_kernel, kernel
 from skinrender.transport.borders import INSIDE, LEFT_BOTTOM, LEFT_TOP, PERIODIC, ROUGH, cross, enter_surface, place
 from skinrender.transport.emission import emit, tile_position
 from skinrender.transport.gather import find_voxels, gather
@@ -56,7 +56,7 @@ _PASSES = 1 << 20  # after which `walk` returns, so that whoever called it can s
 _GROUP = 64
 
 
-@kernel
+@inlined_kernel
 def launch(f, w, i, source, borders, majorant, relief, light, tally, cursor):
     """Starts the next history that enters the skin in lane i; False when none is left.
 
