@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skinrender.transport import kernel
+from skinrender.transport import inlined_kernel, kernel
 from skinrender.transport.fresnel import fresnel, reflect, refract
 from skinrender.transport.height_field import first_hit, height
 from skinrender.transport.lanes import (
@@ -86,7 +86,7 @@ def split(words, lane, cos_i, index_from, index_to):
     return draw(words, lane, LANES) < reflectance, cos_t
 
 
-@kernel
+@inlined_kernel
 def border_distance(borders, relief, k, side, x, y, z, dx, dy, dz, path):
     """Path length at which the flight (x, y, z) + s (dx, dy, dz), s in (0, path], meets border k, or -1.
 
@@ -125,7 +125,7 @@ def side_distance(borders, x, y, dx, dy, path):
     return best, nx, ny
 
 
-@kernel
+@inlined_kernel
 def enter_surface(words, lane, borders, relief, x, y, z, ux, uy, uz, started):
     """Follows a photon in the air above the skin until it enters or escapes upwards.
 
@@ -171,7 +171,7 @@ def enter_surface(words, lane, borders, relief, x, y, z, ux, uy, uz, started):
     return False, bounces, x, y, z, ux, uy, uz
 
 
-@kernel
+@inlined_kernel
 def place(f, w, i, borders, majorant, relief, region, x, y, z, ux, uy, uz, rough_border, inside_sign):
     """Puts lane i at (x, y, z) in a region; on a height field just inside, measured at the rounded position."""
     lx, ly = borders.lx, borders.ly
@@ -192,7 +192,7 @@ def place(f, w, i, borders, majorant, relief, region, x, y, z, ux, uy, uz, rough
     w[REGION + i] = region
 
 
-@kernel
+@inlined_kernel
 def cross(f, w, i, borders, majorant, relief):
     """Second pass, for the few lanes that may have met a border: where, and what becomes of the photon there.
 
@@ -242,7 +242,7 @@ def meet_side(f, w, i, borders, majorant, relief, region, x, y, z, ux, uy, uz, w
     return INSIDE
 
 
-@kernel
+@inlined_kernel
 def meet_border(f, w, i, borders, majorant, relief, region, k, side, x, y, z, ux, uy, uz):
     """A photon at border k, coming from below (side = 1) or above (-1): reflected, on to the next region, or out."""
     rough = -1

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from skinrender.transport import kernel
+from skinrender.transport import inlined_kernel, kernel
 
 POINT, COLLIMATED, SKY = 0, 1, 2
 # Layout of a light's parameters (float64): kind, x, y, z of the lamp or the beam's center, direction, radius (< 0: patch),
@@ -33,7 +33,7 @@ def rectangle_constants(x0: float, y0: float, x1: float, y1: float, distance: fl
     return np.array([x0, y0, x1, y1, distance, m0, m2, 2.0 * math.pi - angles[2] - angles[3], solid_angle])
 
 
-@kernel
+@inlined_kernel
 def spherical_rectangle(c, u, v):
     """Point (x, y) of a rectangle, uniform in solid angle seen from the origin; c of `rectangle_constants`."""
     x0, y0, x1, y1, distance, m0, m2, start, solid_angle = c
@@ -51,7 +51,7 @@ def spherical_rectangle(c, u, v):
     return x, max(y0, min(y1, y))
 
 
-@kernel
+@inlined_kernel
 def emit(light, lx, ly, z_mean, u, v, p, q):
     """One photon of the lamp where it passes the top plane z = 0 of the volume: (x, y, ux, uy, uz).
 
@@ -90,7 +90,7 @@ def emit(light, lx, ly, z_mean, u, v, p, q):
     return x - ux * back, y - uy * back, ux, uy, uz
 
 
-@kernel
+@inlined_kernel
 def tile_position(index, count, tiles_x, tiles_y, u, v):
     """Unit-square position of history `index` of `count`: consecutive histories share a tile of about 1 mm.
 

@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from skinrender.transport import kernel
+from skinrender.transport import inlined_kernel, kernel
 
 LIFT_MM = 1e-12
 """A start on the surface is lifted this far to its own side: more than rounding, less than the accuracy of a hit."""
@@ -61,7 +61,7 @@ def bulge_bound(heights: np.ndarray, lx: float, ly: float) -> np.ndarray:
     return np.maximum(straight + np.maximum.reduce(np.abs(hxy)), 0.0).astype(heights.dtype)
 
 
-@kernel
+@inlined_kernel
 def height(heights, lx, ly, x, y):
     """Height h(x, y) of the surface, mm."""
     hx, hy = heights.shape
@@ -95,7 +95,7 @@ def height_and_gradient(heights, lx, ly, x, y):
     return u * z0 + v * z1 + w * z2, slope_x, slope_y
 
 
-@kernel
+@inlined_kernel
 def _stencil(g, count):
     """The three periodic control points about cell coordinate g, and the fraction of its cell.
 

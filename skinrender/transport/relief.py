@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skinrender.transport import block_kernel, kernel
+from skinrender.transport import block_kernel, inlined_kernel, kernel
 from skinrender.transport.height_field import height, height_and_gradient
 from skinrender.transport.lanes import BORDER, LISTED, OVER, PATH, REGION, UX, UY, Z_SAFE_BOTTOM, Z_START, X, Y, Z
 
@@ -82,13 +82,13 @@ def clear_of_relief(f, w, marked, borders, relief):
     return marked
 
 
-@kernel
+@inlined_kernel
 def below_all_around(f, w, i, around, row):
     """Whether the flight of lane i is deeper than height field `row` is anywhere around."""
     return min(f[Z_START + i], f[Z + i]) > around[np.uint64(row), np.uint64(w[OVER + i]), DEEPEST]
 
 
-@kernel
+@inlined_kernel
 def below_each_bulge(f, w, i, relief, row, lx, ly):
     """Whether the flight of lane i passes below height field `row` however it bulges between the flight's ends.
 

@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from skinrender.transport import block_kernel, kernel
+from skinrender.transport import block_kernel, inlined_kernel, kernel
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1 = np.uint64(0xBF58476D1CE4E5B9)
 _MIX_2 = np.uint64(0x94D049BB133111EB)
 
 
-@kernel
+@inlined_kernel
 def mix64(value):
     """Finalizer of splitmix64: a bijection of 64-bit words with full avalanche."""
     value = (value ^ (value >> np.uint64(30))) * _MIX_1
@@ -37,7 +37,7 @@ def stream_key(seed: int, band: int, stage: int) -> np.uint64:
     return np.random.SeedSequence([seed, band, stage]).generate_state(1, np.uint64)[0]
 
 
-@kernel
+@inlined_kernel
 def seed_words(key, index):
     """Four 32-bit state words of the history `index` under `key`; never all zero."""
     counter = key + np.uint64(index) * np.uint64(2) * _GOLDEN
@@ -70,7 +70,7 @@ def uniform(word):
     return np.float32(np.int32(np.uint32(word) >> np.uint32(1))) * np.float32(2.0**-31) + np.float32(2.0**-32)
 
 
-@kernel
+@inlined_kernel
 def draw(words, lane, stride):
     """Scalar uniform variate in (0, 1) in float64 from the lane's own generator (exceptions only).
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from skinrender.transport import kernel
+from skinrender.transport import inlined_kernel, kernel
 from skinrender.transport.borders import INSIDE, LEFT_BOTTOM, LEFT_TOP, PERIODIC, ROUGH, cross, enter_surface, place
 from skinrender.transport.emission import emit, tile_position
 from skinrender.transport.gather import find_voxels, gather
@@ -56,7 +56,7 @@ _PASSES = 1 << 20  # after which `walk` returns, so that whoever called it can s
 _GROUP = 64
 
 
-@kernel
+@inlined_kernel
 def launch(f, w, i, source, borders, majorant, relief, light, tally, cursor):
     """Starts the next history that enters the skin in lane i; False when none is left.
 
@@ -245,8 +245,10 @@ def walk(f, w, source, light, medium, relief, keep, position, direction, tallies
     if position is not None:
         room = direction.shape[0] - LANES
     if cursor[0] == 0:
-        while n < LANES and launch(f, w, n, source, medium.borders, medium.majorant, relief, light, tally, cursor):
-            n += 1
+        for i in range(LANES):
+            w[LISTED + i] = i
+        relaunch(f, w, LANES, source, medium, relief, light, tally, cursor)
+        n = close_holes(f, w, LANES)
     while n > 0 and stored <= room and passes < _PASSES:
         passes += 1
         launched = cursor[0]

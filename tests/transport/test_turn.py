@@ -16,7 +16,7 @@ from tests.stats import assert_fits, assert_mean, assert_share, bin_probabilitie
 from tests.transport.block import row
 
 SCATTERINGS = tally.PER_LAYER + 1  # column of the only tissue layer
-ANISOTROPY = [-0.9, -0.3, 0.0, 1e-9, 0.5, 0.8, 0.95, 0.99, 0.999]
+ANISOTROPY = [-0.999, -0.9, -0.3, 0.0, 1e-9, 0.5, 0.8, 0.95, 0.99, 0.999]
 AXES = [(0.0, 0.0, 1.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (1e-6, 0.0, -1.0), (0.6, 0.0, -0.8)]
 WORD = 2.0**32
 

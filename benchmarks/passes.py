@@ -1,0 +1,130 @@
+"""Where the photon walk's time goes, pass by pass: `python -m benchmarks.passes`.
+
+`walk` itself is timed: its source with a reading of the cycle counter after each pass. A pass that another process or the
+system broke into is left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import inspect
+import textwrap
+import time
+
+import numba
+import numpy as np
+from llvmlite import ir
+from numba.core import types
+from numba.extending import intrinsic
+
+from benchmarks.walk import CASES, CONFIGS
+from skinrender.photonmap import photon_pass as passes_of
+from skinrender.photonmap.light import light_from_scene
+from skinrender.scene.load import load_scene
+from skinrender.skin.builder import build_volume
+from skinrender.transport import tally
+from skinrender.transport import walk as walk_module
+
+BROKEN = 100_000  # cycles: more than any pass over a block takes
+LONGEST = 64  # passes
+
+
+@intrinsic
+def clock(typingctx):
+    """Reading of the processor's cycle counter."""
+
+    def codegen(context, builder, signature, args):
+        counter = builder.module.declare_intrinsic("llvm.readcyclecounter", (), ir.FunctionType(ir.IntType(64), ()))
+        return builder.call(counter, ())
+
+    return types.int64(), codegen
+
+
+@numba.njit
+def enter(spent, k, last):
+    """Adds the cycles since `last` to pass k; returns the time."""
+    cycles = clock() - last
+    if cycles < BROKEN:
+        spent[k] += cycles
+    return clock()
+
+
+def timed_walk():
+    """`walk` that adds the cycles of each pass to a last argument, `spent`; and the names of the passes."""
+    tree = ast.parse(textwrap.dedent(inspect.getsource(walk_module.walk.py_func)))
+    (function,) = tree.body
+    function.decorator_list.clear()
+    function.args.args.append(ast.arg("spent"))
+    names: list[str] = []
+    loop = next(node for node in ast.walk(function) if isinstance(node, ast.While))
+    for node in ast.walk(loop):
+        if isinstance(node, ast.While | ast.If):
+            _read_after_calls(node.body, names)
+            _read_after_calls(node.orelse, names)
+    loop.body.insert(0, ast.parse("last = clock()").body[0])
+    space = {**vars(walk_module), "clock": clock, "enter": enter}
+    exec(compile(ast.fix_missing_locations(tree), "timed walk", "exec"), space)
+    return numba.njit(nogil=True, error_model="numpy")(space["walk"]), names
+
+
+def _read_after_calls(body: list[ast.stmt], names: list[str]) -> None:
+    for index, statement in reversed(list(enumerate(body))):
+        call = getattr(statement, "value", None)
+        if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and hasattr(walk_module, call.func.id):
+            body.insert(index + 1, ast.parse(f"last = enter(spent, {len(names)}, last)").body[0])
+            names.append(call.func.id)
+
+
+def cycles_per_ns() -> float:
+    """Rate of the cycle counter."""
+    read = numba.njit(lambda: clock())
+    read()
+    began, cycles = time.perf_counter_ns(), read()
+    time.sleep(0.2)
+    return (read() - cycles) / (time.perf_counter_ns() - began)
+
+
+def profile(case: str, storing: bool, runs: int, histories: int) -> list[tuple[float, dict[str, float]]]:
+    """For each band its wavelength and the ns per scattering event of each pass, in the best of some runs."""
+    config, overrides = CASES[case]
+    scene = load_scene(CONFIGS / f"{config}.yaml", overrides)
+    photon_pass = passes_of.PhotonPass(build_volume(scene), light_from_scene(scene), 1)
+    layers, rate = len(photon_pass.layer_names), cycles_per_ns()
+    timed, names = timed_walk()
+    spent = np.zeros(LONGEST, np.int64)
+    passes_of.walk = lambda *arguments: timed(*arguments, spent)
+    result = []
+    for band, wavelength in enumerate(photon_pass.volume.wavelength_nm):
+        best = None
+        for k in range(runs):
+            count = np.zeros(photon_pass.bands, np.int64)
+            count[band] = histories
+            spent[:] = 0
+            counts = photon_pass.walk(k, count, storing).tallies[band]
+            events = counts[tally.scattered(layers)].sum() + counts[tally.absorbed(layers)].sum()
+            found = spent / rate / events
+            if best is None or found.sum() < best.sum():
+                best = found
+        by_name: dict[str, float] = {}
+        for name, ns in reversed(list(zip(names, best))):
+            by_name[name] = by_name.get(name, 0.0) + ns
+        result.append((float(wavelength), by_name))
+    return result
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("cases", nargs="*", default=["RED", "forearm flat, macule", "forearm relief"], help=f"of {', '.join(CASES)}")
+    parser.add_argument("--storing", action="store_true")
+    parser.add_argument("--runs", type=int, default=15)
+    parser.add_argument("--histories", type=int, default=8000)
+    options = parser.parse_args()
+    for case in options.cases:
+        for wavelength, by_name in profile(case, options.storing, options.runs, options.histories):
+            shares = "  ".join(f"{name} {ns:.2f}" for name, ns in by_name.items() if ns > 0.0)
+            print(f"{case} {wavelength:.0f} nm: {sum(by_name.values()):.1f} ns/event: {shares}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
