@@ -68,12 +68,12 @@ class Stream:
             for band, tau in zip(chosen, self._optical_depths(chosen)):
                 yield Band(self, int(band), tau)
                 self.progress(sum(self._photons(r, band) for r in range(self.photon_map.rounds)))
+                self.photon_map.forget_pages()
 
     def sampled_depths(self) -> tuple[np.ndarray, float]:
         """Depths below the surface of an even sample of the photons (z where it is flat), and photons per sample."""
-        position = self.photon_map.position
-        step = max(1, len(position) // _SAMPLE)
-        return np.asarray(position[::step, 2]), float(step)
+        step = max(1, len(self.photon_map) // _SAMPLE)
+        return self.photon_map.depths(step), float(step)
 
     @cached_property
     def relief(self) -> np.ndarray | None:
