@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 import itertools
 import math
+import mmap as memory_map
 import os
 import struct
 import tokenize
@@ -109,6 +110,18 @@ def read_npz(path: str | os.PathLike, mmap: bool = True, verify: bool | None = N
         return {m.name: _load(path, m, mmap) for m in members}
     except (OSError, ValueError, OverflowError) as error:
         raise _damaged(path, str(error)) from error
+
+
+def forget_pages(array: np.ndarray) -> None:
+    """Let go of the memory that a mapped array has been read into; what is needed again is read again.
+
+    The system would keep it, for as long as there is room, on this process's account.
+    """
+    mapped = array
+    while isinstance(mapped, np.ndarray) and not isinstance(mapped, np.memmap):
+        mapped = mapped.base
+    if isinstance(mapped, np.memmap) and hasattr(memory_map, "MADV_DONTNEED"):
+        mapped._mmap.madvise(memory_map.MADV_DONTNEED)
 
 
 def verify_npz(path: str | os.PathLike) -> None:

@@ -29,10 +29,10 @@ def nothing_left_behind(request: pytest.FixtureRequest) -> Iterator[None]:
     leaks.name_semaphores()
     folder = request.getfixturevalue("tmp_path") if "tmp_path" in request.fixturenames else None
     kills = request.node.get_closest_marker("kills") is not None
-    before = leaks.held(only_numbers=kills)
+    before = leaks.held(killed=kills)
     yield
     until = time.monotonic() + PATIENCE_S
-    while (left := leaks.held(only_numbers=kills) - before) and time.monotonic() < until:
+    while (left := leaks.held(killed=kills) - before) and time.monotonic() < until:
         time.sleep(0.02)
     partial = leaks.partial_files(folder) if folder is not None and not kills else set()
     assert not left and not partial, f"left behind: {sorted(left)} {sorted(map(str, partial))}"

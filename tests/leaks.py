@@ -34,10 +34,11 @@ def children() -> set[tuple[int, str]]:
     return {(child, command) for child, command in commands if not any(name in command for name in _LASTING)}
 
 
-def held(only_numbers: bool = False) -> Counter[str]:
-    """Shared memory and children; children by how many there are, or each by itself."""
+def held(killed: bool = False) -> Counter[str]:
+    """Shared memory and children, each by itself. Where some were `killed`, others take their places and semaphores may
+    be left: only the number of children counts then."""
     each = Counter(f"child {pid}: {command}" for pid, command in children())
-    return Counter(shared_memory()) + (Counter({"children": each.total()}) if only_numbers else each)
+    return Counter({"children": each.total()}) if killed else Counter(shared_memory()) + each
 
 
 def partial_files(folder: Path) -> set[Path]:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import copy
 import io
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from skinrender.errors import InputError, RunError
-from skinrender.npz import Streamed, npz_bytes, read_npz, verify_npz, write_npz
+from skinrender.npz import Streamed, forget_pages, npz_bytes, read_npz, verify_npz, write_npz
 
 MEMBERS = {
     "index": np.arange(60, dtype=np.uint16).reshape(3, 4, 5),
@@ -190,3 +191,20 @@ def test_size_is_known_before_the_file_is_written(tmp_path, count):
     predicted = npz_bytes({**members, "s": Streamed("f4", (count, 3), ())})
     write_npz(tmp_path / "file.npz", members)
     assert (tmp_path / "file.npz").stat().st_size == predicted
+
+
+def test_forgotten_pages_are_given_back_and_read_again(tmp_path):
+    path, values = tmp_path / "a.npz", np.arange(1 << 22, dtype=np.float32)
+    write_npz(path, {"a": values})
+    array = read_npz(path)["a"]
+
+    def resident_file_bytes() -> int:
+        [line] = [line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("RssFile:")]
+        return 1024 * int(line.split()[1])
+
+    total = array.sum(dtype=np.float64)
+    held = resident_file_bytes()
+    forget_pages(array[5:])
+    assert held - resident_file_bytes() > 0.9 * array.nbytes
+    assert array.sum(dtype=np.float64) == total
+    forget_pages(values)

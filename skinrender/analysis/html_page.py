@@ -17,9 +17,10 @@ p, li { max-width: 48em; }
 p.lead, .soft { color: #6a5a52; }
 table { border-collapse: collapse; margin: .6em 0 1.2em; font: 12.5px/1.5 'Helvetica Neue', Arial, sans-serif; }
 caption { text-align: left; color: #6a5a52; padding-bottom: .4em; max-width: 60em; }
-th { text-align: right; font-weight: 600; border-bottom: 1px solid #8a7a72; padding: .2em .7em; vertical-align: bottom; }
-td { text-align: right; padding: .1em .7em; border-bottom: 1px solid #eee6e0; font-variant-numeric: tabular-nums; }
+th { text-align: right; font-weight: 600; border-bottom: 1px solid #8a7a72; padding: .2em .5em; vertical-align: bottom; }
+td { text-align: right; padding: .1em .5em; border-bottom: 1px solid #eee6e0; font-variant-numeric: tabular-nums; white-space: nowrap; }
 th:first-child, td:first-child, td.text, th.text { text-align: left; }
+td.text { white-space: normal; }
 tr.good td:last-child { color: #1d6b3a; background: #e9f4ec; } tr.bad td { background: #fbe6e1; }
 tr.bad td:last-child { color: #a01c08; font-weight: bold; }
 figure { margin: 1em 0 1.6em; break-inside: avoid; }

@@ -98,8 +98,8 @@ def _errors(findings: Sequence[Findings]) -> Iterator[str]:
         "below this.",
         "relMSE against seconds, logarithmic axes",
     )  # fmt: skip
-    rows = [(found.subject.label, s.method.label, _slope(s.by_photons), _slope(s.by_seconds), s.verdict()) for found in findings for s in found.series]
-    yield html.table(("scene", "estimate", "slope in photons", "slope in seconds", "noise and bias"), rows, text_columns=2)
+    rows = [(found.subject.label, s.method.label, s.verdict(), _slope(s.by_photons), _slope(s.by_seconds)) for found in findings for s in found.series]
+    yield html.table(("scene", "estimate", "noise and bias", "slope in photons", "slope in seconds"), rows, text_columns=3)
     yield html.items(_caveats(findings))
     yield html.figure(
         as_bytes(draw_color_noise(findings), "svg"), "svg",

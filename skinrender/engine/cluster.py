@@ -77,9 +77,11 @@ def connect(address: str) -> Iterator[Cluster]:
         ) from error
     for name in ("distributed", "distributed.client"):  # what it would log is told by the errors raised here
         logging.getLogger(name).setLevel(logging.CRITICAL)
+    client = Client.__new__(Client)
     try:
-        client = Client(address, timeout=REACH_SECONDS, set_as_default=False, direct_to_workers=True)
+        client.__init__(address, timeout=REACH_SECONDS, set_as_default=False, direct_to_workers=True)
     except (OSError, ValueError, TypeError) as error:
+        client.close()  # left to the garbage collector it may close while another takes the lock it needs: a deadlock
         raise InputError(
             f"{address} cannot be reached ({str(error) or type(error).__name__})", where=_OPTION,
             remedy="give the address that `dask scheduler` prints, such as tcp://10.0.0.5:8786",

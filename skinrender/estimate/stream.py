@@ -46,7 +46,7 @@ class DepthSample(NamedTuple):
 def sample_depths(photon_map: PhotonMap) -> DepthSample:
     """Depths below the mean surface of an even sample of the photons."""
     step = max(1, len(photon_map) // _SAMPLE)
-    return DepthSample(np.array(photon_map.position[::step, 2]), float(step))
+    return DepthSample(photon_map.depths(step), float(step))
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +82,7 @@ class Stream:
             for band, tau in zip(chosen, self._optical_depths(chosen)):
                 yield Band(self, int(band), tau)
                 self.progress(sum(self._photons(r, band) for r in range(self.photon_map.rounds)))
+                self.photon_map.forget_pages()
 
     @cached_property
     def relief(self) -> np.ndarray | None:

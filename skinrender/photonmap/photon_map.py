@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 
 from skinrender.errors import InputError
-from skinrender.npz import read_npz
+from skinrender.npz import forget_pages, read_npz
 
 FORMAT_VERSION = 1
 MAX_BANDS = 256
 _CHUNK = 1 << 16
+_DEPTHS_CHUNK = 1 << 24
 _ONCE_PER_MAP = {"format_version": "i", "provenance": "U", "bounds_mm": "f"}
 _PER_BAND = {"wavelength_nm": "f", "power_per_band": "f", "emitted_per_band": "i"}
 
@@ -91,6 +92,20 @@ class PhotonMap:
         )
         start = np.concatenate([[0], np.cumsum(kept)])
         return replace(self, position=position, direction=direction, band=band, round_band_start=start)
+
+    def forget_pages(self) -> None:
+        """Let go of the memory that the map has been read into, lest all of it gather there."""
+        for array in (self.position, self.direction, self.band):
+            forget_pages(array)
+
+    def depths(self, step: int) -> np.ndarray:
+        """z of every `step`-th photon, (N / step,) f4 mm, read with little memory."""
+        chunk = step * max(1, _DEPTHS_CHUNK // step)
+        found = []
+        for start in range(0, len(self), chunk):
+            found.append(self.position[start : start + chunk : step, 2].copy())
+            forget_pages(self.position)
+        return np.concatenate(found) if found else np.empty(0, np.float32)
 
 
 def open_map(
@@ -206,6 +221,8 @@ def _check_photons(photon_map: PhotonMap) -> None:
         for axis, at in enumerate(photon_map.position[start : start + _CHUNK].T):
             if not (at.min() >= low[axis] - slack and at.max() <= high[axis] + slack):
                 raise ValueError("a photon's position is not a number within the volume")
+        if start % _DEPTHS_CHUNK == 0:
+            forget_pages(photon_map.position)
     per_band = np.diff(photon_map.round_band_start)
     for index, first in enumerate(photon_map.round_band_start[:-1]):
         if (photon_map.band[first : first + per_band[index]] != index % photon_map.bands).any():
