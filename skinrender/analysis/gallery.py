@@ -43,7 +43,7 @@ SHEET = {
     + (Cell("cheek", "cheek"),),
     "lesions, lamp above": (
         Cell("freckles", "freckles, cheek"),
-        Cell("fig12_epidermal", "lentigo", ("lesions.0.melanin_scale=0.15",)),
+        Cell("fig12_epidermal", "lentigo", ("lesions.0.melanin_scale=0.4",)),
         Cell("mole", "mole"),
         Cell("nevus_of_ota", "nevus of Ota, cheek"),
         Cell("blue_nevus", "blue nevus"),
@@ -87,7 +87,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.split(":")[0])
     parser.add_argument("-o", "--output", type=Path, default=Path("out/gallery"), help="folder to write to")
     parser.add_argument("--configs", type=Path, default=Path("configs"), help="folder of the shipped scenes")
-    parser.add_argument("--photons", type=float, default=1e7, help="photons of each picture")
+    parser.add_argument("--photons", type=float, default=2e7, help="photons of each picture")
     wanted = parser.parse_args(arguments)
     pictures = {
         heading: [
