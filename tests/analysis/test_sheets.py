@@ -18,8 +18,9 @@ CELLS = [cell for row in gallery.SHEET.values() for cell in row]
 
 @pytest.mark.parametrize("cell", CELLS, ids=lambda cell: cell.label)
 def test_cells_are_scenes(cell):
-    scene = load_scene(CONFIGS / f"{cell.scene}.yaml", [*gallery.CLOSE, *cell.changes])
-    assert tuple(scene.patch.size_mm) == (6, 6) and len(scene.wavelength_nm) == 21
+    scene = load_scene(CONFIGS / f"{cell.scene}.yaml", cell.settings)
+    assert cell.has_lesion == bool(scene.lesions) and len(scene.wavelength_nm) == 21
+    assert scene.patch.size_mm[0] == (8 if scene.lesions else 6)
 
 
 def test_sheet_shows_every_picture(tmp_path):

@@ -16,7 +16,7 @@ from tests.walked_map import walk_map
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 SEEDS = 6
-HISTORIES = {"fig12_epidermal": 250, "fig13_papillary": 100, "fig14_deep": 600}
+HISTORIES = {"fig12_epidermal": 500, "fig13_papillary": 100, "fig14_deep": 600}
 LARGEST_Z = 4.0
 
 
