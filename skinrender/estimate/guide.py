@@ -1,4 +1,4 @@
-"""What is known of the light's pattern under a relief without any photon, to undo what the kernel flattens there.
+"""What is known of the light's pattern without any photon, to undo what the kernel flattens.
 
 Under a furrow the light changes within a tenth of a millimeter, as the lamp's light falls slantwise on its walls and less
 is scattered towards its bottom: a kernel 0.4 mm wide made the dark wall of a furrow 60 um deep 18 % too bright and the
@@ -16,7 +16,7 @@ Regression for Denoising Monte Carlo Renderings", CGF 35(4), 2016), here with on
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -29,20 +29,21 @@ _MOST = 0.9
 """Largest |M - 1|: light stays positive."""
 
 
-def patterns(entering: np.ndarray | None, height: np.ndarray, spacing_mm: float, wrap: bool) -> np.ndarray:
-    """Guides of a picture, (K, h, w), light in units of its mean, heights in mm.
+def patterns(lights: Sequence[np.ndarray], height: np.ndarray | None, spacing_mm: float, wrap: bool) -> np.ndarray:
+    """Guides of a picture, (K, h, w): lights in units of their means, height in mm, each also blurred.
 
     Parameters
     ----------
-    entering : (h, w) light that enters the surface of each pixel; None if unknown.
-    height : (h, w) mm.
+    lights : (h, w) each, known patterns of the light that enters.
+    height : (h, w) mm of the surface; None where it is flat.
     spacing_mm : of pixels; wrap: the picture repeats.
     """
     mode = "wrap" if wrap else "nearest"
     sigmas = [blur / spacing_mm for blur in BLURS_MM]
-    found = [height, *(gaussian_filter(height, sigma, mode=mode) for sigma in sigmas)]
-    if entering is not None and entering.any():
-        light = entering / entering.mean()
+    found = []
+    if height is not None:
+        found += [height, *(gaussian_filter(height, sigma, mode=mode) for sigma in sigmas)]
+    for light in (light / light.mean() for light in lights if light.any()):
         found += [light, *(gaussian_filter(light, sigma, mode=mode) for sigma in sigmas)]
         found += [gaussian_filter(light, sigmas[0], order, mode=mode) for order in ((0, 1), (1, 0))]
     return np.array(found, np.float32)

@@ -46,7 +46,7 @@ def waves() -> tuple[np.ndarray, np.ndarray]:
 
 def test_a_pattern_that_the_kernel_flattens_is_restored():
     light, height = waves()
-    guides = patterns(light, height, SPACING_MM, wrap=True)
+    guides = patterns([light], height, SPACING_MM, wrap=True)
     truth = 2.0 + (light - 1.0) + 10.0 * height
     flat = kernel(truth)
     found = flat * restored(flat, truth, modulations(guides, kernel))
@@ -56,7 +56,7 @@ def test_a_pattern_that_the_kernel_flattens_is_restored():
 
 def test_noise_moves_no_mean():
     light, height = waves()
-    changes = modulations(patterns(light, height, SPACING_MM, wrap=True), kernel)
+    changes = modulations(patterns([light], height, SPACING_MM, wrap=True), kernel)
     rng, truth = np.random.default_rng(1), 2.0 + 0.5 * (light - 1.0)
     exact = restored(kernel(truth), truth, changes)
     factors = []
@@ -71,9 +71,9 @@ def test_noise_moves_no_mean():
 
 def test_without_light_or_pattern_nothing_changes():
     flat = np.zeros((PIXELS, PIXELS))
-    changes = modulations(patterns(None, flat, SPACING_MM, wrap=True), kernel)
+    changes = modulations(patterns([], flat, SPACING_MM, wrap=True), kernel)
     assert np.array_equal(restored(flat + 1.0, flat + 2.0, changes), flat + 1.0)
-    changes = modulations(patterns(*waves(), SPACING_MM, wrap=True), kernel)
+    changes = modulations(patterns([waves()[0]], waves()[1], SPACING_MM, wrap=True), kernel)
     assert np.array_equal(restored(flat, flat, changes), flat + 1.0)
 
 
