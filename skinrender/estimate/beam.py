@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skinrender.estimate.deposit import deposit, ray_weights
-from skinrender.estimate.guide import modulations, restored
+from skinrender.estimate.guide import modulations, restore
 from skinrender.estimate.kernel_filter import SlabFilter
 from skinrender.estimate.radius import COLOR_STEPS, COLOR_WIDER, STEPS, gather_radius_mm, radius_levels
 from skinrender.estimate.scatter_image import MOST_BATCHES, ScatteredLight, batches_of
@@ -57,10 +57,10 @@ def estimate_beam(stream: Stream, gather_count: int | None, guides: np.ndarray |
     scale = stream.photon_map.rounds / rounds
     batch_y = unit * scale[:, None, None] * _filtered(kernels.luminance, noise.y_image, (h, w))
     if guides is not None:
-        changes = modulations(guides, kernels.luminance)
-        factor = restored(luminance, unit * noise.y_image.sum(axis=0).reshape(h, w), changes)
-        batch_y *= factor
-        radiance *= factor[:, :, None].astype(np.float32)
+        own = unit * noise.y_image.reshape(batch_y.shape)
+        restoration = restore(luminance, own.sum(axis=0), modulations(guides, kernels.luminance))
+        batch_y = np.array([restoration.batch(*pair) for pair in zip(batch_y, own * scale[:, None, None])])
+        radiance *= restoration.factor[:, :, None].astype(np.float32)
     met = seen * kernels.pixels_met / (h * w)
     return ScatteredLight(radiance, batch_y.astype(np.float32), unit * noise.light * scale / (h * w), rounds, met)
 

@@ -9,7 +9,7 @@ L is multiplied by
     M = 1 + sum_k beta_k m_k,    m_k = g_k - F(g_k)
 
 and the unfiltered picture N, noisy but not flattened, gives the few numbers beta_k by least squares over all pixels,
-sum m_j (N - L) = sum_k beta_k sum L m_j m_k. These equations are linear in the photons, so that noise alone moves no mean.
+sum m_j (N - L) = sum_k beta_k sum L m_j m_k. Noise alone moves no mean, as the right side is linear in the photons.
 Fitting known features to a noisy picture is first-order regression (Bitterli et al., "Nonlinearly Weighted First-order
 Regression for Denoising Monte Carlo Renderings", CGF 35(4), 2016), here with one fit for the picture.
 """
@@ -17,6 +17,7 @@ Regression for Denoising Monte Carlo Renderings", CGF 35(4), 2016), here with on
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -54,19 +55,41 @@ def modulations(guides: np.ndarray, filtered: Callable[[np.ndarray], np.ndarray]
     return np.array([guide - filtered(guide) for guide in guides])
 
 
-def restored(plain: np.ndarray, noisy: np.ndarray, changes: np.ndarray) -> np.ndarray:
-    """The factor M, (h, w).
+@dataclass(frozen=True, eq=False)
+class Restoration:
+    """The factor M of a picture, and what it makes of the photons of one batch.
+
+    Parameters
+    ----------
+    plain, factor : (h, w) filtered picture and M.
+    modes : (k, h w) combinations of the m_k that are known; inverse: (k,) of the normal equations, diagonal in them.
+    """
+
+    plain: np.ndarray
+    factor: np.ndarray
+    modes: np.ndarray
+    inverse: np.ndarray
+
+    def batch(self, plain: np.ndarray, noisy: np.ndarray) -> np.ndarray:
+        """Picture (h, w) of a batch whose photons would show `plain` and `noisy`: to first order, with its noise in beta."""
+        more = self.inverse * (self.modes @ (noisy - plain * self.factor).ravel())
+        return plain * self.factor + self.plain * (more @ self.modes).reshape(self.plain.shape)
+
+
+def restore(plain: np.ndarray, noisy: np.ndarray, changes: np.ndarray) -> Restoration:
+    """Fit the betas. A constant beside the m_k keeps the mean of the unfiltered picture.
 
     Parameters
     ----------
     plain, noisy : (h, w) filtered and unfiltered picture.
     changes : (K, h, w) the m_k.
     """
-    m = changes.reshape(len(changes), -1).astype(float)
+    m = np.concatenate([np.ones((1, plain.size)), changes.reshape(len(changes), -1)])
     scale = np.sqrt((m * m).mean(axis=1))
     m = m[scale > 1e-9] / scale[scale > 1e-9, None]
-    normal = (m * plain.ravel()) @ m.T
-    value, vector = np.linalg.eigh(normal)
-    known = value > _LEAST * value.max(initial=0.0)
-    beta = vector[:, known] @ ((vector[:, known].T @ (m @ (noisy - plain).ravel())) / value[known])
-    return 1.0 + np.clip(beta @ m, -_MOST, _MOST).reshape(plain.shape)
+    value, vector = np.linalg.eigh((m * plain.ravel()) @ m.T)
+    known = value > _LEAST * value.max()
+    modes, inverse = vector[:, known].T @ m, 1.0 / value[known]
+    beta = inverse * (modes @ (noisy - plain).ravel())
+    factor = 1.0 + np.clip(beta @ modes, -_MOST, _MOST).reshape(plain.shape)
+    return Restoration(plain, factor, modes, inverse)
