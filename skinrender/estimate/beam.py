@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skinrender.estimate.deposit import deposit, ray_weights
-from skinrender.estimate.guide import modulations, restore
+from skinrender.estimate.guide import guide_bytes, modulations, restore
 from skinrender.estimate.kernel_filter import SlabFilter
 from skinrender.estimate.radius import COLOR_STEPS, COLOR_WIDER, STEPS, gather_radius_mm, radius_levels
 from skinrender.estimate.scatter_image import MOST_BATCHES, ScatteredLight, batches_of
@@ -25,7 +25,8 @@ from skinrender.estimate.stream import Band, Stream
 def beam_bytes(pixels: int, rays: int, slabs: int, bands: int, rounds: int, threads: int) -> int:
     """What `estimate_beam` holds beside its stream: slab images of batches and threads, worths of rays, the picture."""
     images = 2 * threads + 4  # those of threads are float64
-    return 4 * pixels * (slabs * images + bands + 4 * min(rounds, MOST_BATCHES)) + 16 * rays * slabs + 8 * pixels
+    batches = 4 * min(rounds, MOST_BATCHES)
+    return 4 * pixels * (slabs * images + bands + batches) + 16 * rays * slabs + 8 * pixels + guide_bytes(pixels)
 
 
 def estimate_beam(stream: Stream, gather_count: int | None, guides: np.ndarray | None = None) -> ScatteredLight:

@@ -30,6 +30,15 @@ _MOST = 0.9
 """Largest |M - 1|: light stays positive."""
 
 
+_MOST_GUIDES = 13
+"""Three of the height, five of the lamp's light, five of a lesion's."""
+
+
+def guide_bytes(pixels: int) -> int:
+    """Most that guides, what the kernel takes from them, and their normal equations hold."""
+    return pixels * _MOST_GUIDES * (2 * 4 + 3 * 8)
+
+
 def patterns(lights: Sequence[np.ndarray], height: np.ndarray | None, spacing_mm: float, wrap: bool) -> np.ndarray:
     """Guides of a picture, (K, h, w): lights in units of their means, height in mm, each also blurred.
 
