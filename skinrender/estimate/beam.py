@@ -140,7 +140,7 @@ def _ray_weights(stream: Stream, band: Band) -> tuple[np.ndarray, np.ndarray]:
     def of_slab(slab: int) -> None:
         ray_weights(
             slab, band.tau, outside[rays.region[slab]], rays.descent, stream.lattice.bin_area, stream.pixel_of, worth, factor
-        )
+        )  # fmt: skip
 
     list(stream.pool.map(of_slab, range(band.slabs)))
     return worth, factor

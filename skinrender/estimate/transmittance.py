@@ -8,7 +8,6 @@ from skinrender.estimate.ray_paths import RayPaths
 from skinrender.transport import allocating_kernel, kernel
 from skinrender.transport.optical_depth import add_optical_depth
 
-
 TILE = 16
 """Rays whose optical depths are written together: one cache line of each band and slab edge."""
 
