@@ -24,7 +24,7 @@
 # make bench-leave-out  time and memory of each feature: pairs of scenes with and without it
 PYTHON ?= python3
 PHOTONS ?= 5e7
-METHODS_PHOTONS ?= 5e6
+METHODS_PHOTONS ?= 1e7
 TRIES ?= 200
 FUZZ_SECONDS ?= 60
 VENV := .venv

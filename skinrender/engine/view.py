@@ -20,12 +20,13 @@ from skinrender.estimate.beam import estimate_beam
 from skinrender.estimate.guide import patterns
 from skinrender.estimate.lattice import RayLattice, fit_plane, make_lattice
 from skinrender.estimate.point import estimate_point, march_edges
+from skinrender.estimate.radius import WIDEST_MM, at_columns, is_alike, lesion_absorbance
 from skinrender.estimate.ray_paths import follow_rays, slab_edges, visible_depth_mm
 from skinrender.estimate.reference import Reference, estimate_reference, remaining_bias
 from skinrender.estimate.scatter_image import BandsLight, ScatteredLight, batch_stderr, joined
 from skinrender.estimate.single import single_scattering
 from skinrender.estimate.stream import DepthSample, Stream, sample_depths
-from skinrender.estimate.surface import entering_light, irradiance, surface_reflection
+from skinrender.estimate.surface import entering_light, has_direction, irradiance, surface_reflection
 from skinrender.estimate.view_path import LEVEL, ViewPath, make_view_path
 from skinrender.film.camera import ViewRays, view_rays
 from skinrender.film.color import exposure_for, y_weights
@@ -94,7 +95,7 @@ class View:
             stream = Stream(self.volume, photon_map, depths, *self.lattices, self.y_weight, pool, count, progress)
             if self.method == "point":
                 return estimate_point(stream, self.gather_count, bands)
-            return estimate_beam(stream, self.gather_count, bands, self.guides(stream) if self.volume.has_relief else None)
+            return estimate_beam(stream, self.gather_count, bands, self.guides(stream))
 
     def joined(self, parts: Sequence[BandsLight], rounds: int) -> ScatteredLight:
         """The light of all bands, from their parts in order."""
@@ -103,15 +104,22 @@ class View:
             return light
         return replace(light, remaining=remaining_bias(self.scene.camera, self.volume, parts, light.radiance))
 
-    def guides(self, stream: Stream) -> np.ndarray:
-        """The guides of a relief's light, see `estimate.guide`."""
-        rays = stream.lattice.rays
-        entering = entering_light(rays.entry, rays.hit, self.volume, self.light)
-        pixels = [
-            None if values is None else stream.pixel_mean(values).reshape(stream.shape)
-            for values in (entering, rays.entry[:, 2])
+    def guides(self, stream: Stream) -> np.ndarray | None:
+        """The guides of the light's pattern, see `estimate.guide`; None where there is none."""
+        rays, volume = stream.lattice.rays, self.volume
+        lights, height = [], None
+        if volume.has_relief:
+            height = rays.entry[:, 2]
+            lights += [entering_light(rays.entry, rays.hit, volume, self.light)] if has_direction(self.light) else []
+        absorbance = lesion_absorbance(volume, WIDEST_MM)
+        if not is_alike(absorbance):
+            lights.append(at_columns(np.exp(-absorbance), rays.entry, volume.size_mm))
+        if height is None and not lights:
+            return None
+        *lights, height = [
+            None if values is None else stream.pixel_mean(values).reshape(stream.shape) for values in (*lights, height)
         ]
-        return patterns(*pixels, stream.lattice.spacing_mm * stream.subpixels, stream.covers_patch)
+        return patterns(lights, height, stream.lattice.spacing_mm * stream.subpixels, stream.covers_patch)
 
     def image(self, scattered: ScatteredLight, provenance: dict[str, Any]) -> SpectralImage:
         """The spectral picture."""

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skinrender.estimate.deposit import deposit, ray_weights
-from skinrender.estimate.guide import Flattened, modulations
+from skinrender.estimate.guide import Flattened, guide_bytes, modulations
 from skinrender.estimate.kernel_filter import SlabFilter
 from skinrender.estimate.radius import COLOR_STEPS, COLOR_WIDER, STEPS, gather_radius_mm, radius_levels
 from skinrender.estimate.scatter_image import MOST_BATCHES, BandsLight, batches_of
@@ -29,7 +29,8 @@ order of a sum decides how it is rounded."""
 def beam_bytes(pixels: int, rays: int, slabs: int, bands: int, rounds: int, threads: int) -> int:
     """What `estimate_beam` holds beside its stream: slab images, worths of rays, luminance of batches, the picture."""
     images = 2 * (_PARTS + 1) + 4  # those of parts are float64
-    return 4 * pixels * (slabs * images + bands + 4 * min(rounds, MOST_BATCHES)) + 16 * rays * slabs + 8 * pixels
+    batches = 4 * min(rounds, MOST_BATCHES)
+    return 4 * pixels * (slabs * images + bands + batches) + 16 * rays * slabs + 8 * pixels + guide_bytes(pixels)
 
 
 def estimate_beam(
@@ -62,7 +63,8 @@ def estimate_beam(
     batch_y = (unit * _filtered(kernels.luminance, noise.y_image, (h, w))).astype(np.float32)
     flattened = None
     if guides is not None:
-        flattened = Flattened(unit * noise.y_image.sum(axis=0).reshape(h, w), modulations(guides, kernels.luminance))
+        noisy = (unit * noise.y_image).astype(np.float32).reshape(batch_y.shape)
+        flattened = Flattened(noisy, modulations(guides, kernels.luminance))
     return BandsLight(bands, radiance, luminance, batch_y, unit * noise.light, seen * kernels.pixels_met, flattened)
 
 
@@ -135,7 +137,7 @@ def _ray_weights(stream: Stream, band: Band) -> tuple[np.ndarray, np.ndarray]:
     def of_slab(slab: int) -> None:
         ray_weights(
             slab, band.tau, outside[rays.region[slab]], rays.descent, stream.lattice.bin_area, stream.pixel_of, worth, factor
-        )
+        )  # fmt: skip
 
     list(stream.pool.map(of_slab, range(band.slabs)))
     return worth, factor

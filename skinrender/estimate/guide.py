@@ -1,4 +1,4 @@
-"""What is known of the light's pattern under a relief without any photon, to undo what the kernel flattens there.
+"""What is known of the light's pattern without any photon, to undo what the kernel flattens.
 
 Under a furrow the light changes within a tenth of a millimeter, as the lamp's light falls slantwise on its walls and less
 is scattered towards its bottom: a kernel 0.4 mm wide made the dark wall of a furrow 60 um deep 18 % too bright and the
@@ -9,14 +9,15 @@ L is multiplied by
     M = 1 + sum_k beta_k m_k,    m_k = g_k - F(g_k)
 
 and the unfiltered picture N, noisy but not flattened, gives the few numbers beta_k by least squares over all pixels,
-sum m_j (N - L) = sum_k beta_k sum L m_j m_k. These equations are linear in the photons, so that noise alone moves no mean.
+sum m_j (N - L) = sum_k beta_k sum L m_j m_k. Noise alone moves no mean, as the right side is linear in the photons.
 Fitting known features to a noisy picture is first-order regression (Bitterli et al., "Nonlinearly Weighted First-order
 Regression for Denoising Monte Carlo Renderings", CGF 35(4), 2016), here with one fit for the picture.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -30,27 +31,42 @@ _MOST = 0.9
 """Largest |M - 1|: light stays positive."""
 
 
-def patterns(entering: np.ndarray | None, height: np.ndarray, spacing_mm: float, wrap: bool) -> np.ndarray:
-    """Guides of a picture, (K, h, w), light in units of its mean, heights in mm.
+_MOST_GUIDES = 13
+"""Three of the height, five of the lamp's light, five of a lesion's."""
+
+
+def guide_bytes(pixels: int) -> int:
+    """Most that guides, what the kernel takes from them, and their normal equations hold."""
+    return pixels * _MOST_GUIDES * (2 * 4 + 3 * 8)
+
+
+def patterns(lights: Sequence[np.ndarray], height: np.ndarray | None, spacing_mm: float, wrap: bool) -> np.ndarray:
+    """Guides of a picture, (K, h, w): lights in units of their means, height in mm, each also blurred.
 
     Parameters
     ----------
-    entering : (h, w) light that enters the surface of each pixel; None if unknown.
-    height : (h, w) mm.
+    lights : (h, w) each, known patterns of the light that enters.
+    height : (h, w) mm of the surface; None where it is flat.
     spacing_mm : of pixels; wrap: the picture repeats.
     """
     mode = "wrap" if wrap else "nearest"
     sigmas = [blur / spacing_mm for blur in BLURS_MM]
-    found = [height, *(gaussian_filter(height, sigma, mode=mode) for sigma in sigmas)]
-    if entering is not None and entering.any():
-        light = entering / entering.mean()
+    found = []
+    if height is not None:
+        found += [height, *(gaussian_filter(height, sigma, mode=mode) for sigma in sigmas)]
+    for light in (light / light.mean() for light in lights if light.any()):
         found += [light, *(gaussian_filter(light, sigma, mode=mode) for sigma in sigmas)]
         found += [gaussian_filter(light, sigmas[0], order, mode=mode) for order in ((0, 1), (1, 0))]
     return np.array(found, np.float32)
 
 
 class Flattened(NamedTuple):
-    """What it takes to undo what the kernel flattens: the unfiltered luminance of some bands (h, w), and the m_k (K, h, w)."""
+    """What it takes to undo what the kernel flattens.
+
+    Parameters
+    ----------
+    noisy : (batches, h, w) f4, what each batch adds to the luminance, unfiltered; changes: (K, h, w) the m_k.
+    """
 
     noisy: np.ndarray
     changes: np.ndarray
@@ -61,19 +77,41 @@ def modulations(guides: np.ndarray, filtered: Callable[[np.ndarray], np.ndarray]
     return np.array([guide - filtered(guide) for guide in guides])
 
 
-def restored(plain: np.ndarray, noisy: np.ndarray, changes: np.ndarray) -> np.ndarray:
-    """The factor M, (h, w).
+@dataclass(frozen=True, eq=False)
+class Restoration:
+    """The factor M of a picture, and what it makes of the photons of one batch.
+
+    Parameters
+    ----------
+    plain, factor : (h, w) filtered picture and M.
+    modes : (k, h w) combinations of the m_k that are known; inverse: (k,) of the normal equations, diagonal in them.
+    """
+
+    plain: np.ndarray
+    factor: np.ndarray
+    modes: np.ndarray
+    inverse: np.ndarray
+
+    def batch(self, plain: np.ndarray, noisy: np.ndarray) -> np.ndarray:
+        """Picture (h, w) of a batch whose photons would show `plain` and `noisy`: to first order, with its noise in beta."""
+        more = self.inverse * (self.modes @ (noisy - plain * self.factor).ravel())
+        return plain * self.factor + self.plain * (more @ self.modes).reshape(self.plain.shape)
+
+
+def restore(plain: np.ndarray, noisy: np.ndarray, changes: np.ndarray) -> Restoration:
+    """Fit the betas. A constant beside the m_k keeps the mean of the unfiltered picture.
 
     Parameters
     ----------
     plain, noisy : (h, w) filtered and unfiltered picture.
     changes : (K, h, w) the m_k.
     """
-    m = changes.reshape(len(changes), -1).astype(float)
+    m = np.concatenate([np.ones((1, plain.size)), changes.reshape(len(changes), -1)])
     scale = np.sqrt((m * m).mean(axis=1))
     m = m[scale > 1e-9] / scale[scale > 1e-9, None]
-    normal = (m * plain.ravel()) @ m.T
-    value, vector = np.linalg.eigh(normal)
-    known = value > _LEAST * value.max(initial=0.0)
-    beta = vector[:, known] @ ((vector[:, known].T @ (m @ (noisy - plain).ravel())) / value[known])
-    return 1.0 + np.clip(beta @ m, -_MOST, _MOST).reshape(plain.shape)
+    value, vector = np.linalg.eigh((m * plain.ravel()) @ m.T)
+    known = value > _LEAST * value.max()
+    modes, inverse = vector[:, known].T @ m, 1.0 / value[known]
+    beta = inverse * (modes @ (noisy - plain).ravel())
+    factor = 1.0 + np.clip(beta @ modes, -_MOST, _MOST).reshape(plain.shape)
+    return Restoration(plain, factor, modes, inverse)

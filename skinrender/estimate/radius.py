@@ -75,6 +75,14 @@ def _added_mu_a(volume: SkinVolume) -> np.ndarray:
     return added
 
 
+def at_columns(values: np.ndarray, point: np.ndarray, size_mm: tuple[float, float]) -> np.ndarray:
+    """Values of columns (nx, ny) under points (Q, 2 or more), mm: (Q,)."""
+    nx, ny = values.shape
+    column = np.floor(point[:, 0] / size_mm[0] * nx).astype(int) % nx
+    row = np.floor(point[:, 1] / size_mm[1] * ny).astype(int) % ny
+    return values[column, row]
+
+
 def is_alike(absorbance: np.ndarray) -> bool:
     """Whether columns differ so little that the kernel may be equally wide everywhere."""
     return bool(np.ptp(absorbance) <= ALIKE)
@@ -101,15 +109,12 @@ def radius_levels(
     if is_alike(lesion_absorbance(volume, max(EPIDERMIS_MM, widest_mm))):
         return np.zeros(shape, np.int32), np.array([widest])
     radii = np.array([*(r for r in steps if r < widest), widest])
-    nx, ny = volume.shape[:2]
-    columns = np.floor(point[:, 0] / volume.size_mm[0] * nx).astype(int) % nx
-    rows = np.floor(point[:, 1] / volume.size_mm[1] * ny).astype(int) % ny
     level = np.zeros(shape, np.int32)
     alike = np.ones(shape, bool)
     for k, radius in enumerate(radii[1:], start=1):
         # light from deeper than a kernel is wide is blurred more by the tissue above
         absorbance = lesion_absorbance(volume, max(EPIDERMIS_MM, radius * spacing_mm))
-        seen = absorbance[columns, rows].reshape(shape).astype(np.float32)
+        seen = at_columns(absorbance, point, volume.size_mm).reshape(shape).astype(np.float32)
         at_ray = correlate(seen, gaussian(radii[0]), wrap=True)
         alike &= np.abs(correlate(seen, gaussian(radius), wrap=True) - at_ray) <= ALIKE
         level[alike] = k

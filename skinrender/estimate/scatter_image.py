@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from skinrender.estimate.guide import Flattened, restored
+from skinrender.estimate.guide import Flattened, restore
 
 MOST_BATCHES = 20
 MOST_POOLED = 64
@@ -47,7 +47,7 @@ class BandsLight:
     batch_y : (batches, h, w) f4, what each batch adds to the luminance.
     batch_sum : (batches,) what each batch adds to the radiance, summed over pixels and bands.
     met : photons that met a ray.
-    flattened : of a beam estimate on a relief, see `guide`.
+    flattened : of a beam estimate where guides are known, see `guide`.
     batch_sum_finer : of a reference, `batch_sum` of some batches through a finer mesh.
     """
 
@@ -65,7 +65,7 @@ def joined(parts: Sequence[BandsLight], rounds: int, y_weight: np.ndarray) -> Sc
     """The light of all bands; y_weight: (B,) luminance of one W mm^-2 sr^-1 in each.
 
     Where the luminance is known better than the radiance, each pixel's spectrum is scaled to it; what a kernel has
-    flattened on a relief is restored.
+    flattened is restored where guides are known.
     """
     h, w = parts[0].radiance.shape[:2]
     radiance = np.zeros((h, w, len(y_weight)), np.float32)
@@ -80,10 +80,10 @@ def joined(parts: Sequence[BandsLight], rounds: int, y_weight: np.ndarray) -> Sc
     scale = rounds / sizes
     batch_y = np.sum([part.batch_y for part in parts], axis=0) * scale[:, None, None]
     if parts[0].flattened is not None:
-        noisy = np.sum([part.flattened.noisy for part in parts], axis=0)
-        factor = restored(luminance, noisy, parts[0].flattened.changes)
-        batch_y *= factor
-        radiance *= factor[:, :, None].astype(np.float32)
+        noisy = np.sum([part.flattened.noisy for part in parts], axis=0, dtype=np.float64)
+        restoration = restore(luminance, noisy.sum(axis=0), parts[0].flattened.changes)
+        batch_y = np.array([restoration.batch(*pair) for pair in zip(batch_y, noisy * scale[:, None, None])])
+        radiance *= restoration.factor[:, :, None].astype(np.float32)
     batch_sum = np.sum([part.batch_sum for part in parts], axis=0)
     met = sum(part.met for part in parts)
     return ScatteredLight(radiance, batch_y.astype(np.float32), batch_sum * scale / (h * w), sizes, met / (h * w))

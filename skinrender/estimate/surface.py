@@ -95,13 +95,16 @@ def surface_reflection(view: ViewPath, volume: Any, light: Light, finish: Any) -
     return result
 
 
-def entering_light(entry: np.ndarray, hit: np.ndarray, volume: Any, light: Light) -> np.ndarray | None:
-    """Light of a lamp that enters a relief at some points, W per mm2 of the mean plane, all bands, (Q,); None for a sky.
+def has_direction(light: Light) -> bool:
+    """Whether the light comes to a point from one direction, as that of a lamp does."""
+    return not isinstance(light, SkyLight)
+
+
+def entering_light(entry: np.ndarray, hit: np.ndarray, volume: Any, light: PointLight | CollimatedLight) -> np.ndarray:
+    """Light of a lamp that enters a relief at some points, W per mm2 of the mean plane, all bands, (Q,).
 
     entry (Q, 3), hit (Q,) : points of the surface, and which are.
     """
-    if isinstance(light, SkyLight):
-        return None
     relief, (lx, ly) = _relief(volume.surface_mm), map(float, volume.size_mm)
     foot = np.mod(entry[:, :2], volume.size_mm) if volume.sides == "periodic" else entry[:, :2]
     point = np.ascontiguousarray(np.column_stack([foot, entry[:, 2]]))

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from skinrender.transport import inlined_kernel, kernel
+from skinrender.transport import inlined_kernel
 
 POINT, COLLIMATED, SKY = 0, 1, 2
 # Layout of a light's parameters (float64): kind, x, y, z of the lamp or the beam's center, direction, radius (< 0: patch),

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from skinrender.transport import block_kernel, inlined_kernel, kernel
+from skinrender.transport import block_kernel, inlined_kernel
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1 = np.uint64(0xBF58476D1CE4E5B9)

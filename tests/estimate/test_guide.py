@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from skinrender.estimate.guide import modulations, patterns, restored
+from skinrender.estimate.guide import modulations, patterns, restore
 from skinrender.estimate.surface import entering_light
 from skinrender.estimate.view_path import make_view_path
 from skinrender.film.camera import view_rays
@@ -46,35 +46,52 @@ def waves() -> tuple[np.ndarray, np.ndarray]:
 
 def test_a_pattern_that_the_kernel_flattens_is_restored():
     light, height = waves()
-    guides = patterns(light, height, SPACING_MM, wrap=True)
+    guides = patterns([light], height, SPACING_MM, wrap=True)
     truth = 2.0 + (light - 1.0) + 10.0 * height
     flat = kernel(truth)
-    found = flat * restored(flat, truth, modulations(guides, kernel))
+    found = flat * restore(flat, truth, modulations(guides, kernel)).factor
     assert np.ptp(flat / truth) > 0.3
     assert np.abs(found / truth - 1.0).max() < 0.03
 
 
 def test_noise_moves_no_mean():
     light, height = waves()
-    changes = modulations(patterns(light, height, SPACING_MM, wrap=True), kernel)
+    changes = modulations(patterns([light], height, SPACING_MM, wrap=True), kernel)
     rng, truth = np.random.default_rng(1), 2.0 + 0.5 * (light - 1.0)
-    exact = restored(kernel(truth), truth, changes)
+    exact = restore(kernel(truth), truth, changes).factor
     factors = []
     for _ in range(100):
         noisy = rng.poisson(3.0 * truth) / 3.0
-        factors.append(restored(kernel(noisy), noisy, changes))
+        factors.append(restore(kernel(noisy), noisy, changes).factor)
     error = np.std(factors, axis=0, ddof=1) / 10.0
     z = (np.mean(factors, axis=0) - exact) / error
     assert abs(z).max() < 5.5
     assert error.max() < 0.01
 
 
-def test_without_light_or_pattern_nothing_changes():
+def test_noise_of_the_fit_is_in_the_batches():
+    """Pictures made of 20 batches each scatter as their batches do, although all share one fit."""
+    light, height = waves()
+    changes = modulations(patterns([light], height, SPACING_MM, wrap=True), kernel)
+    rng, truth = np.random.default_rng(2), 2.0 + 0.5 * (light - 1.0)
+    shown, claimed = [], []
+    for _ in range(150):
+        noisy = rng.poisson(3.0 * truth, (20, PIXELS, PIXELS)) / 3.0
+        plain = np.array([kernel(one) for one in noisy])
+        restoration = restore(plain.mean(axis=0), noisy.mean(axis=0), changes)
+        shown.append(restoration.plain * restoration.factor)
+        batches = np.array([restoration.batch(*pair) for pair in zip(plain, noisy)])
+        assert batches.mean(axis=0) == pytest.approx(shown[-1], rel=1e-9)
+        claimed.append(batches.var(axis=0, ddof=1) / 20)
+    assert np.var(shown, axis=0, ddof=1).mean() == pytest.approx(np.mean(claimed), rel=0.1)
+
+
+def test_without_a_pattern_only_the_mean_is_kept():
     flat = np.zeros((PIXELS, PIXELS))
-    changes = modulations(patterns(None, flat, SPACING_MM, wrap=True), kernel)
-    assert np.array_equal(restored(flat + 1.0, flat + 2.0, changes), flat + 1.0)
-    changes = modulations(patterns(*waves(), SPACING_MM, wrap=True), kernel)
-    assert np.array_equal(restored(flat, flat, changes), flat + 1.0)
+    changes = modulations(patterns([], flat, SPACING_MM, wrap=True), kernel)
+    assert restore(flat + 1.0, flat + 1.5, changes).factor == pytest.approx(flat + 1.5)
+    changes = modulations(patterns([waves()[0]], waves()[1], SPACING_MM, wrap=True), kernel)
+    assert np.array_equal(restore(flat, flat, changes).factor, flat + 1.0)
 
 
 def test_light_that_enters_a_relief(tmp_path):
