@@ -42,7 +42,7 @@ def estimate_beam(
     ----------
     gather_count : photons that a beam should meet, on average; None: as wide as the tissue allows.
     bands : (n,) those to estimate.
-    guides : (K, h, w) of a relief, see `guide`; None where it is flat.
+    guides : (K, h, w), see `guide`; None where there are none.
     """
     h, w = stream.shape
     kernels, unit = _choose_kernels(stream, gather_count), stream.power_unit
