@@ -1,7 +1,7 @@
 """Where the photon walk's time goes, pass by pass: `python -m benchmarks.passes`.
 
-`walk` itself is timed: its source with a reading of the cycle counter after each pass. A pass that another process or the
-system broke into is left out.
+`walk` itself is timed: its source with a reading of the cycle counter after each pass. A pass that another process or
+the system broke into is left out.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from skinrender.transport import walk as walk_module
 
 BROKEN = 100_000  # cycles: more than any pass over a block takes
 LONGEST = 64  # passes
+USUAL = ["RED", "forearm flat, macule", "forearm relief"]
 
 
 @intrinsic
@@ -115,7 +116,7 @@ def profile(case: str, storing: bool, runs: int, histories: int) -> list[tuple[f
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("cases", nargs="*", default=["RED", "forearm flat, macule", "forearm relief"], help=f"of {', '.join(CASES)}")
+    parser.add_argument("cases", nargs="*", default=USUAL, help=f"of {', '.join(CASES)}")
     parser.add_argument("--storing", action="store_true")
     parser.add_argument("--runs", type=int, default=15)
     parser.add_argument("--histories", type=int, default=8000)
