@@ -30,7 +30,7 @@ def beam_bytes(pixels: int, rays: int, slabs: int, bands: int, rounds: int, thre
     """What `estimate_beam` holds beside its stream: slab images, worths of rays, luminance of batches, the picture."""
     images = 2 * (_PARTS + 1) + 4  # those of parts are float64
     batches = 4 * min(rounds, MOST_BATCHES)
-    return 4 * pixels * (slabs * images + bands + batches) + 16 * rays * slabs + 8 * pixels + guide_bytes(pixels)
+    return 4 * pixels * (slabs * images + 5 * bands + batches) + 16 * rays * slabs + 8 * pixels + guide_bytes(pixels)
 
 
 def estimate_beam(
@@ -50,6 +50,7 @@ def estimate_beam(
     radiance = np.zeros((h, w, len(bands)), np.float32)
     luminance = None if kernels.color is None else np.zeros((h, w, len(bands)))
     noise = _Noise(np.zeros((len(batches), h * w)), np.zeros(len(batches)))
+    noisy = None if guides is None else np.zeros((h, w, len(bands)))
     seen = 0
     for k, band in enumerate(stream.bands(bands)):
         worth, factor = _ray_weights(stream, band)
@@ -60,11 +61,13 @@ def estimate_beam(
             luminance[:, :, k] = stream.y_weight[band.index] * shown
             shown = unit * _shown(stream, kernels.color, image, factor)
         radiance[:, :, k] = shown
+        if noisy is not None:
+            noisy[:, :, k] = stream.y_weight[band.index] * unit * np.einsum("sj,sj->j", image, factor).reshape(h, w)
     batch_y = (unit * _filtered(kernels.luminance, noise.y_image, (h, w))).astype(np.float32)
     flattened = None
     if guides is not None:
-        noisy = (unit * noise.y_image).astype(np.float32).reshape(batch_y.shape)
-        flattened = Flattened(noisy, modulations(guides, kernels.luminance))
+        of_batches = (unit * noise.y_image).astype(np.float32).reshape(batch_y.shape)
+        flattened = Flattened(noisy, of_batches, modulations(guides, kernels.luminance))
     return BandsLight(bands, radiance, luminance, batch_y, unit * noise.light, seen * kernels.pixels_met, flattened)
 
 

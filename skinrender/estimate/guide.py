@@ -65,10 +65,13 @@ class Flattened(NamedTuple):
 
     Parameters
     ----------
-    noisy : (batches, h, w) f4, what each batch adds to the luminance, unfiltered; changes: (K, h, w) the m_k.
+    noisy : (h, w, n) luminance of each band, unfiltered.
+    batch_noisy : (batches, h, w) f4, what each batch adds to it, all bands.
+    changes : (K, h, w) the m_k.
     """
 
     noisy: np.ndarray
+    batch_noisy: np.ndarray
     changes: np.ndarray
 
 

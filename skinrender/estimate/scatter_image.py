@@ -73,20 +73,26 @@ def joined(parts: Sequence[BandsLight], rounds: int, y_weight: np.ndarray) -> Sc
         radiance[:, :, part.bands] = part.radiance
     luminance = radiance @ y_weight
     if parts[0].luminance is not None:
-        better = sum(part.luminance[:, :, k] for part in parts for k in range(len(part.bands)))
+        better = _band_by_band([part.luminance for part in parts])
         radiance *= np.divide(better, luminance, out=np.ones_like(better), where=luminance > 0.0)[:, :, None]
         luminance = better
     sizes = np.array([len(batch) for batch in batches_of(rounds)])
     scale = rounds / sizes
     batch_y = np.sum([part.batch_y for part in parts], axis=0) * scale[:, None, None]
     if parts[0].flattened is not None:
-        noisy = np.sum([part.flattened.noisy for part in parts], axis=0, dtype=np.float64)
-        restoration = restore(luminance, noisy.sum(axis=0), parts[0].flattened.changes)
-        batch_y = np.array([restoration.batch(*pair) for pair in zip(batch_y, noisy * scale[:, None, None])])
+        noisy = _band_by_band([part.flattened.noisy for part in parts])
+        restoration = restore(luminance, noisy, parts[0].flattened.changes)
+        of_batches = np.sum([part.flattened.batch_noisy for part in parts], axis=0) * scale[:, None, None]
+        batch_y = np.array([restoration.batch(*pair) for pair in zip(batch_y, of_batches)])
         radiance *= restoration.factor[:, :, None].astype(np.float32)
     batch_sum = np.sum([part.batch_sum for part in parts], axis=0)
     met = sum(part.met for part in parts)
     return ScatteredLight(radiance, batch_y.astype(np.float32), batch_sum * scale / (h * w), sizes, met / (h * w))
+
+
+def _band_by_band(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """Sum (h, w) over the bands of parts (h, w, n), rounded alike however the bands are parted."""
+    return sum(part[:, :, k] for part in parts for k in range(part.shape[2]))
 
 
 def batches_of(rounds: int) -> list[np.ndarray]:

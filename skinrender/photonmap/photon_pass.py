@@ -11,12 +11,13 @@ from skinrender.errors import RunError
 from skinrender.photonmap.first_scattering import has_single_term
 from skinrender.photonmap.light import CollimatedLight, Light, PointLight
 from skinrender.photonmap.roulette import DepthTable, keep_all, keep_visible
+from skinrender.photonmap.stored import StoredPhotons
 from skinrender.skin.regions import regions_of
 from skinrender.skin.volume import SkinVolume
 from skinrender.transport import tally
 from skinrender.transport.borders import DIELECTRIC, OPEN, PERIODIC, Borders
 from skinrender.transport.emission import collimated_parameters, point_parameters, sky_parameters
-from skinrender.transport.lanes import LANES, new_block
+from skinrender.transport.lanes import new_block
 from skinrender.transport.medium import (
     Medium,
     block_type,
@@ -33,7 +34,6 @@ from skinrender.transport.walk import walk
 SIDES = {"periodic": PERIODIC, "open": OPEN, "dielectric": DIELECTRIC}
 WALK_STAGE = 0
 TILE_MM = 1.0
-_BUFFER = (1 << 16) + LANES
 _BYTES_STORED = 16
 """Of a photon in memory: position and direction; its band follows from its place."""
 ENDLESS = 1 << 35
@@ -62,7 +62,7 @@ class Round:
 
 
 def round_memory_bytes(stored: float) -> float:
-    """Most that `PhotonPass.walk` holds of a round's photons: their pieces, and all of them in one array."""
+    """Most that `PhotonPass.walk` holds of a round's photons: arrays that have become too small, and larger ones."""
     return 2 * _BYTES_STORED * stored
 
 
@@ -95,6 +95,7 @@ class PhotonPass:
         self.depth_table: DepthTable = (keep_visible if roulette else keep_all)(volume)
         self._medium = lru_cache(maxsize=None)(self._make_medium)
         self._grid = lru_cache(maxsize=2)(self._make_grid)
+        self._expected = 0  # photons of the round before: the next one's arrays begin as large
 
     @property
     def bands(self) -> int:
@@ -179,37 +180,38 @@ class PhotonPass:
         exits : receives, per band, an (n, 6) float32 array x, y, ux, uy, uz, scattered of the photons that left upwards.
         """
         tallies = np.zeros((self.bands, tally.columns(len(self.layer_names))), dtype=np.int64)
-        positions, directions = [np.empty((0, 3), np.float32)], [np.empty((0, 2), np.uint16)]
+        photons = StoredPhotons(self._expected) if store else None
         stored = np.zeros(self.bands, dtype=np.int64)
         for band in np.flatnonzero(histories):
-            parts = self._walk_band(int(band), index, int(histories[band]), store, tallies[band], exits)
-            for position, direction in parts:
-                positions.append(position)
-                directions.append(direction)
-                stored[band] += len(position)
-        return Round(
-            index, np.array(histories, dtype=np.int64), tallies, np.concatenate(positions),
-            np.concatenate(directions), stored,
-        )  # fmt: skip
+            before = photons.count if store else 0
+            self._walk_band(int(band), index, int(histories[band]), photons, tallies[band], exits)
+            stored[band] = photons.count - before if store else 0
+        if store:
+            self._expected = int(stored.sum())
+        position, direction = (photons or StoredPhotons()).arrays()
+        return Round(index, np.array(histories, dtype=np.int64), tallies, position, direction, stored)
 
-    def _walk_band(self, band: int, index: int, count: int, store: bool, counts: np.ndarray, exits: list | None):
+    def _walk_band(
+        self, band: int, index: int, count: int, photons: StoredPhotons | None, counts: np.ndarray, exits: list | None
+    ) -> None:
         medium, real = self._medium(band)
         tiles = np.maximum(1, np.ceil(np.array(self.volume.size_mm) / TILE_MM)).astype(int)
         z_mean = -float(self.volume.z_edges_mm[0])
         first_too = not has_single_term(self.volume, self.light)
         source = (stream_key(self.seed, band, WALK_STAGE), index * count, count, int(tiles[0]), int(tiles[1]), z_mean, first_too)
         keep = self.depth_table.thresholds(band)
-        position = np.empty(3 * _BUFFER, np.float32) if store else None
-        direction = np.empty(_BUFFER, np.int32) if store else None
         left = None if exits is None else np.zeros((count, 6), np.float32)
         tallies = np.zeros((tally.WAYS, counts.size), dtype=np.int64)
         f, w = new_block(real)
         state = np.zeros(4, dtype=np.int64)
+        position = direction = None
         while True:
+            if photons is not None:
+                photons.make_room()
+                position, direction, state[2] = photons.position, photons.direction, photons.count
             walk(f, w, source, self._light_parameters, medium, self._relief, keep, position, direction, tallies, left, state)
-            if store:
-                n = state[2]
-                yield position[: 3 * n].reshape(n, 3).copy(), direction[:n].copy().view(np.uint16).reshape(n, 2)
+            if photons is not None:
+                photons.count = int(state[2])
             if state[1] == 0:
                 break
             if state[3] > ENDLESS:

@@ -37,6 +37,7 @@ from skinrender.transport.lanes import (
 from skinrender.transport.move import fly, locate, mark_sides, wrap
 from skinrender.transport.relief import clear_of_relief, look_around
 from skinrender.transport.rng import draw, seed_words
+from skinrender.transport.streaming import stream
 from skinrender.transport.tally import (
     EMITTED,
     PER_LAYER,
@@ -156,10 +157,10 @@ def store(f, w, n, position, direction, stored, z_top):
     """
     k = np.uint64(stored)
     for i in range(n):
-        position[np.uint64(3) * k] = f[X + i]
-        position[np.uint64(3) * k + np.uint64(1)] = f[Y + i]
-        position[np.uint64(3) * k + np.uint64(2)] = f[Z + i] + z_top
-        direction[k] = w[ARRIVED + i]
+        stream(position, np.uint64(3) * k, np.float32(f[X + i]))
+        stream(position, np.uint64(3) * k + np.uint64(1), np.float32(f[Y + i]))
+        stream(position, np.uint64(3) * k + np.uint64(2), np.float32(f[Z + i] + z_top))
+        stream(direction, k, w[ARRIVED + i])
         k += np.uint64(w[SHOWN + i])
     return np.int64(k)
 
@@ -233,14 +234,14 @@ def walk(f, w, source, light, medium, relief, keep, position, direction, tallies
     position, direction : (3 n,) float32 and (n,) int32 to fill, n > LANES, or None: nothing is stored.
     tallies : (WAYS, columns) int64, added to: copies, to be summed.
     exits : (histories, 6) float32 or None, see `leave`.
-    state : int64 [histories used up, lanes in flight, photons stored in this call, flights since a history ended]; 0 lanes
-        in flight: finished.
+    state : int64 [histories used up, lanes in flight, photons stored, flights since a history ended]; 0 lanes in flight:
+        finished.
     """
     cursor = state[0:1]
     tally = tallies[0]
     passes = 0
     n = state[1]
-    stored = 0
+    stored = state[2]
     room = np.int64(0x7FFFFFFFFFFFFFFF)
     if position is not None:
         room = direction.shape[0] - LANES

@@ -27,11 +27,11 @@ SCENES = {
     "slab": ({**slab_data(STACK, {"kind": "collimated"}, 2.0, 16), "inner_borders": "matched"}, {}, 2000),
     "slab under a lamp": ({**slab_data(STACK, LAMP, 2.0, 16), "sides": "dielectric"}, {}, 2000),
     "slab with furrows": (
-        {**slab_data(STACK, SKY, 2.0, 16), "inner_borders": "matched", "relief": FURROWS}, {"zenith_deg": 40}, 2000
+        {**slab_data(STACK, SKY, 2.0, 16), "inner_borders": "matched", "relief": FURROWS}, {"zenith_deg": 40}, 3000
     ),
     "flat skin": ({**SKIN, "relief": {"kind": "flat"}}, {}, 700),
     "skin": (SKIN, {}, 500),
-    "skin aslant": (SKIN, {"zenith_deg": 50, "azimuth_deg": 70}, 500),
+    "skin aslant": (SKIN, {"zenith_deg": 50, "azimuth_deg": 70}, 800),
 }  # fmt: skip
 
 

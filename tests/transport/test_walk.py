@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from llvmlite import binding
 
-from skinrender.photonmap import photon_pass as photon_pass_module
+from skinrender.photonmap import stored
 from skinrender.photonmap.photon_pass import PhotonPass
 from skinrender.skin.spline import evaluate_grid
 from skinrender.transport import tally
@@ -88,8 +88,8 @@ def bits(one):
 
 def test_photons_do_not_depend_on_the_size_of_the_buffer(monkeypatch):
     walks = []
-    for size in (1 << 16, LANES + 1):
-        monkeypatch.setattr(photon_pass_module, "_BUFFER", size)
+    for least in (1 << 16, 1):
+        monkeypatch.setattr(stored, "LEAST", least)
         walks.append(walk_rounds(PhotonPass(VOLUMES["inner borders"], beam(10.0), 5), 2000, store=True)[0])
     assert len(walks[0].position) > 20 * LANES
     assert np.array_equal(walks[0].position, walks[1].position) and np.array_equal(walks[0].tallies, walks[1].tallies)
