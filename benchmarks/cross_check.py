@@ -1,7 +1,8 @@
 """Pictures against Mitsuba and absorption against MCX, through `skinrender export`: `python -m benchmarks.cross_check`.
 
-Needs `mitsuba`; `pmcx`, `pmcxcl`, `jdata` and an OpenCL device (extra `interop`). A program that is not there is told and
-left out. Each comparison is by z: difference over both standard errors, those of the others from runs of several seeds.
+Needs `mitsuba`; `pmcx`, `pmcxcl`, `jdata` and an OpenCL device (extra `interop`). A program that is not there is told
+and left out. Each comparison is by z: difference over both standard errors, those of the others from runs of several
+seeds.
 """
 
 from __future__ import annotations

@@ -20,7 +20,6 @@ from skinrender.photonmap.photon_map import open_map
 from skinrender.transport import tally
 
 SCENE = Path(__file__).parents[1] / "configs" / "fig10_forearm.yaml"
-PHOTONS, GATHERED = 3.24e8, 32_400
 METHODS = ("beam", "point")
 MOST_DISK_BYTES = 4 << 30
 SOONEST = {
@@ -34,11 +33,7 @@ tissue allows."""
 def render(method: str, photons: float, folder: Path) -> Watched:
     """Render the figure in an empty folder; fewer photons with the same kernel."""
     shutil.rmtree(folder, ignore_errors=True)
-    gathered = max(1, round(GATHERED * photons / PHOTONS))
-    return run_watched(
-        "render", str(SCENE), "--method", method, "--photons", repr(photons), "--gather-count", str(gathered),
-        "--set", "photons.roulette=false", "-o", str(folder),
-    )  # fmt: skip
+    return run_watched("render", str(SCENE), *table1.paper_options(method, photons), "-o", str(folder))
 
 
 def events_of(path: Path) -> int:
@@ -69,13 +64,13 @@ def limit_table(done: dict[str, Watched], limits: Limits, events: int, map_bytes
     """Seconds of each part at the limit of what bounds it, beside the measured."""
     walk = events * limits.walk_ns * 1e-9 / limits.cores
     disk, memory = 2 * map_bytes / limits.disk_write, map_bytes / limits.memory
-    rows = [("trace: bare walk", f"{events:.3g} events at {limits.walk_ns:.1f} ns", walk, "trace", "beam")]
-    rows += [("trace: disk", f"{2 * map_bytes / 1e9:.1f} GB at {limits.disk_write / 1e6:.0f} MB/s", disk, "trace", "beam")]
-    rows += [
-        (f"estimate, {name}: memory", f"{map_bytes / 1e9:.1f} GB at {limits.memory / 1e9:.1f} GB/s", memory, "estimate", name)
-        for name in done
+    read, in_memory = map_bytes / limits.disk_read, f"{map_bytes / 1e9:.1f} GB at {limits.memory / 1e9:.1f} GB/s"
+    rows = [
+        ("trace: bare walk", f"{events:.3g} events at {limits.walk_ns:.1f} ns", walk, "trace", "beam"),
+        ("trace: disk", f"{2 * map_bytes / 1e9:.1f} GB at {limits.disk_write / 1e6:.0f} MB/s", disk, "trace", "beam"),
+        *((f"estimate, {name}: memory", in_memory, memory, "estimate", name) for name in done),
+        ("map from the disk", f"{map_bytes / 1e9:.1f} GB at {limits.disk_read / 1e6:.0f} MB/s", read, "", ""),
     ]
-    rows += [("map from the disk", f"{map_bytes / 1e9:.1f} GB at {limits.disk_read / 1e6:.0f} MB/s", map_bytes / limits.disk_read, "", "")]
     lines = [f"{'part':24} {'limit':30} {'limit s':>8} {'stage s':>8} {'x limit':>8}"]
     for part, what, least, stage, name in rows:
         took = done[name].summary["seconds"][stage] if name else None
@@ -100,7 +95,7 @@ def soonest_table(noise: float, folder: Path) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--photons", type=float, default=PHOTONS, help="fewer for a try")
+    parser.add_argument("--photons", type=float, default=table1.PAPER_PHOTONS, help="fewer for a try")
     parser.add_argument("-o", "--output", type=Path, default=Path("out/paper_scale"))
     options = parser.parse_args()
     out = options.output
@@ -121,7 +116,8 @@ def main() -> None:
     print("\n" + limit_table(done, limits, events, map_bytes))
     print("\n" + soonest_table(done["beam"].summary["stderr_relative_mean"], out / "soonest"))
     told = {name: asdict(watched) for name, watched in done.items()} | {"limits": asdict(limits)}
-    (out / "paper_scale.json").write_text(json.dumps(told | {"events": events, "map_bytes": map_bytes}, indent=1) + "\n")
+    told |= {"events": events, "map_bytes": map_bytes}
+    (out / "paper_scale.json").write_text(json.dumps(told, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -23,8 +23,8 @@ def repository() -> Path:
 def nothing_left_behind(request: pytest.FixtureRequest) -> Iterator[None]:
     """After every test: no shared memory, child process or half-written file that was not there before it.
 
-    Of a test that is marked `kills`, what the killed were writing may stay, until the next run in its folder, and others
-    may have taken their places.
+    Of a test that is marked `kills`, what the killed were writing may stay, until the next run in its folder, and
+    others may have taken their places.
     """
     leaks.name_semaphores()
     folder = request.getfixturevalue("tmp_path") if "tmp_path" in request.fixturenames else None

@@ -31,7 +31,9 @@ def test_semaphores_children_and_half_written_files_are_seen(tmp_path):
 def test_soak_complains_of_what_grows_and_of_what_is_left():
     def samples(growth: int, **more: int) -> list[Sample]:
         held = {"descriptors": 9, "threads": 2, "shared": 0, "temporary": 0, "children": 0}
-        steady = [Sample(k, k, 300_000_000 + growth * k + 5000 * (k % 4), 0, **held) for k in range(1, 5 * WARM_RENDERS)]
+        steady = [
+            Sample(k, k, 300_000_000 + growth * k + 5000 * (k % 4), 0, **held) for k in range(1, 5 * WARM_RENDERS)
+        ]
         return [*steady, *(Sample(99 + k, 99, steady[-1].anonymous, 0, **{**held, **more}) for k in range(4))]
 
     assert complaints(samples(0)) == []

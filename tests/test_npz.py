@@ -187,7 +187,11 @@ def test_overlapping_members_are_refused(tmp_path):
 
 @pytest.mark.parametrize("count", [0, 1, 1000, 123_457])
 def test_size_is_known_before_the_file_is_written(tmp_path, count):
-    members = {"a": np.arange(count), "größe": np.array("x" * count), "s": Streamed("f4", (count, 3), [np.zeros((count, 3), "f4")])}
+    members = {
+        "a": np.arange(count),
+        "größe": np.array("x" * count),
+        "s": Streamed("f4", (count, 3), [np.zeros((count, 3), "f4")]),
+    }
     predicted = npz_bytes({**members, "s": Streamed("f4", (count, 3), ())})
     write_npz(tmp_path / "file.npz", members)
     assert (tmp_path / "file.npz").stat().st_size == predicted

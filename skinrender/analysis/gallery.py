@@ -1,4 +1,7 @@
-"""A sheet of skins, by `skinrender render`: sites, tones, ages, lesions, light: ``python -m skinrender.analysis.gallery``."""
+"""A sheet of skins, by `skinrender render`: sites, tones, ages, lesions, light.
+
+``python -m skinrender.analysis.gallery`` renders and draws it.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,8 @@ from skinrender.analysis.rendered import render
 CLOSE = ("bands_nm.step=20", "patch.size_mm=[6,6]", "camera.pixels=[180,180]")
 """6 mm across: furrows of 100 um are three columns and pixels wide. 21 bands color skin as 81 do."""
 LESION = ("bands_nm.step=20", "patch.size_mm=[8,8]", "camera.pixels=[100,100]")
-"""Kernels at a lesion's edge are 1.5 pixels wide: of 0.08 mm, with four times the photons, they still show specks of color."""
+"""Kernels at a lesion's edge are 1.5 pixels wide: of 0.08 mm, with four times the photons, they still show specks of
+color."""
 MORE_PHOTONS = 4
 SIDE = "light={kind: collimated, zenith_deg: 65, azimuth_deg: 215}"
 SKY = "light={kind: sky}"

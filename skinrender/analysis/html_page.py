@@ -59,7 +59,9 @@ def table(
     """
 
     def line(tag: str, cells: Sequence[object], kind: str = "") -> str:
-        marked = (f'<{tag}{" class=text" if i < text_columns else ""}>{text(cell)}</{tag}>' for i, cell in enumerate(cells))
+        marked = (
+            f"<{tag}{' class=text' if i < text_columns else ''}>{text(cell)}</{tag}>" for i, cell in enumerate(cells)
+        )
         return f"<tr{kind}>{''.join(marked)}</tr>"
 
     told = f"<caption>{text(caption)}</caption>" if caption else ""
@@ -73,7 +75,9 @@ def figure(data: bytes, kind: str, caption: str, alternative: str, width_px: int
     mime = {"png": "image/png", "svg": "image/svg+xml"}[kind]
     source = f"data:{mime};base64,{base64.b64encode(data).decode('ascii')}"
     size = "" if width_px is None else f' width="{width_px}"'
-    return f'<figure><img src="{source}" alt="{text(alternative)}"{size}><figcaption>{text(caption)}</figcaption></figure>'
+    return (
+        f'<figure><img src="{source}" alt="{text(alternative)}"{size}><figcaption>{text(caption)}</figcaption></figure>'
+    )
 
 
 def items(lines: Iterable[str]) -> str:

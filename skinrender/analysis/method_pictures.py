@@ -1,7 +1,7 @@
 """One scene by beam, point and reference beside each other, with their differences: `make methods`.
 
-``python -m skinrender.analysis.method_pictures FOLDER PNG`` reads ``beam.exr``, ``point.exr`` and ``reference.exr`` of a
-``render`` folder. All three see the same photons, so that most of their noise is common.
+``python -m skinrender.analysis.method_pictures FOLDER PNG`` reads ``beam.exr``, ``point.exr`` and ``reference.exr`` of
+a ``render`` folder. All three see the same photons, so that most of their noise is common.
 """
 
 from __future__ import annotations

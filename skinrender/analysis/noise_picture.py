@@ -13,8 +13,8 @@ from typing import Any
 
 from skinrender.analysis.plots import INK, new_figure, save
 from skinrender.analysis.rendered import render
+from skinrender.analysis.table1 import PAPER_PHOTONS, paper_options
 
-PAPER_PHOTONS, PAPER_GATHERED = 3.24e8, 32400
 METHODS = ("point", "beam")
 DETAIL = 100
 """Pixels a side of the part that is shown."""
@@ -22,9 +22,7 @@ DETAIL = 100
 
 def as_paper(scene: Path, folder: Path, method: str, photons: float) -> dict[str, Any]:
     """Summary of a render at the paper's settings."""
-    gathered = max(1, round(PAPER_GATHERED * photons / PAPER_PHOTONS))
-    options = ["--method", method, "--photons", f"{photons:g}", "--gather-count", str(gathered)]
-    return render(scene, folder, [*options, "--set", "photons.roulette=false"])
+    return render(scene, folder, paper_options(method, photons))
 
 
 def caption(name: str, summary: dict[str, Any]) -> str:

@@ -13,7 +13,8 @@ SKINRENDER = (sys.executable, "-m", "skinrender.cli")
 
 
 def render(scene: Path, folder: Path, options: Sequence[str]) -> dict[str, Any]:
-    """The summary of `skinrender render`. Of what it wrote the photon map is removed: a sheet's would fill gigabytes."""
+    """The summary of `skinrender render`. Of what it wrote the photon map is removed: a sheet's would fill
+    gigabytes."""
     command = [*SKINRENDER, "render", str(scene), *options, "-o", str(folder), "--quiet", "--json"]
     summary = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout)
     (folder / "photons.npz").unlink(missing_ok=True)

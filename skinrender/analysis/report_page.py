@@ -145,7 +145,11 @@ def _times(findings: Sequence[Findings]) -> Iterator[str]:
         photons, point, beam = pair
         head, *rows = table1.cells(point, beam)
         pixels = " × ".join(str(n) for n in found.subject.scene.camera.pixels)
-        yield html.table(head, rows, f"{found.subject.label}: {pixels} pixels, {count_text(photons)} photons stored; mean over the seeds")
+        yield html.table(
+            head,
+            rows,
+            f"{found.subject.label}: {pixels} pixels, {count_text(photons)} photons stored; mean over the seeds",
+        )
     yield (
         f'<p class="soft">Here: {html.text(_machine(_workers(findings)))}. Paper: {html.text(table1.PAPER_HARDWARE)}. '
         "Other scenes, sizes and machines: compare the ratios, not the seconds.</p>"
@@ -192,7 +196,10 @@ def _settings(study: Study, findings: Sequence[Findings], command: str) -> Itera
     rows: list[tuple[str, Any]] = [
         ("made", datetime.now(UTC).isoformat(timespec="seconds")),
         ("machine", f"{_machine(_workers(findings))}, {platform.system()} {platform.machine()}"),
-        ("versions", ", ".join([f"python {platform.python_version()}", *(f"{name} {version(name)}" for name in LIBRARIES)])),
+        (
+            "versions",
+            ", ".join([f"python {platform.python_version()}", *(f"{name} {version(name)}" for name in LIBRARIES)]),
+        ),
     ]
     for found in findings:
         subject = found.subject

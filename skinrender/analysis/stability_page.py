@@ -18,10 +18,10 @@ from skinrender.engine.clock import cpu_name
 PAGE_NAME = "check.html"
 LIBRARIES = ("skinrender", "numpy", "numba")
 HOW = (
-    "Each case is one or more small scenes that go the way of any other: volume, photon pass, photon map, pictures by beam "
-    "and by point, files. Those under Precision compare single and double precision instead.",
-    "In every case of scenes each photon must be accounted for, exactly in counts, and no pixel may be negative, infinite or "
-    "not a number.",
+    "Each case is one or more small scenes that go the way of any other: volume, photon pass, photon map, pictures by "
+    "beam and by point, files. Those under Precision compare single and double precision instead.",
+    "In every case of scenes each photon must be accounted for, exactly in counts, and no pixel may be negative, infinite "
+    "or not a number.",
     "Where a closed form is known, z is the distance from it in standard errors; at a limit (an index step of 1e-9, "
     "a layer of 1e-9 mm) it is the distance between the two sides. A bound of 0 allows nothing at all.",
     "A row shows the measure that comes nearest to its bound; all of them are in check.csv.",
@@ -58,7 +58,10 @@ def _parts(found: Sequence[Found], seed: int) -> Iterator[str]:
             ("seed", seed),
             ("seconds of all cases", f"{sum(one.seconds for one in found):.0f}"),
             ("machine", f"{cpu_name()}, {os.cpu_count()} cores, {platform.system()} {platform.machine()}"),
-            ("versions", ", ".join([f"python {platform.python_version()}", *(f"{name} {version(name)}" for name in LIBRARIES)])),
+            (
+                "versions",
+                ", ".join([f"python {platform.python_version()}", *(f"{name} {version(name)}" for name in LIBRARIES)]),
+            ),
         ],
         text_columns=2,
     )

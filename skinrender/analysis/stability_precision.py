@@ -1,4 +1,5 @@
-"""Where float32 is used, against float64: the blocks of the walk, directions over many turns, sums of photons in a pixel.
+"""Where float32 is used, against float64: the blocks of the walk, directions over many turns, sums of photons in a
+pixel.
 
 float32 holds: the lanes of a block (unless `medium.block_type` finds them too coarse), stored positions and directions,
 what a photon is worth to a ray, optical depths of rays, filtered slab images. Sums of photons are float64.
@@ -7,7 +8,7 @@ what a photon is worth to a ray, optical depths of rays, filtered slab images. S
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -52,7 +53,7 @@ def walked(described: Mapping[str, Any], real: type, seed: int) -> np.ndarray:
     return photon_pass.walk(0, np.full(photon_pass.bands, HISTORIES), False).tallies.sum(axis=0)
 
 
-def same_walk(name: str):
+def same_walk(name: str) -> Callable[[Sequence[Outcome]], Iterator[Measure]]:
     """Judge: float32 and float64 blocks send the same light to the same fates."""
 
     def judge(outcomes: Sequence[Outcome]) -> Iterator[Measure]:
@@ -60,7 +61,8 @@ def same_walk(name: str):
             walked(WALKED[name], real, record_seed(1, name, side)) for side, real in enumerate((np.float32, np.float64))
         ]
         layers = (len(counts[0]) - tally.PER_LAYER) // 2
-        fates = [tally.REFLECTED, tally.TRANSMITTED, tally.TRANSMITTED_UNSCATTERED, *range(tally.PER_LAYER, tally.PER_LAYER + layers)]
+        absorbed = range(tally.PER_LAYER, tally.PER_LAYER + layers)
+        fates = [tally.REFLECTED, tally.TRANSMITTED, tally.TRANSMITTED_UNSCATTERED, *absorbed]
         found = [same_share(int(counts[0][fate]), int(counts[1][fate]), HISTORIES, HISTORIES) for fate in fates]
         yield Measure("z of R, T, A between float32 and float64", max(map(abs, found)), Z_BOUND)
 
@@ -87,7 +89,8 @@ def many_turns(outcomes: Sequence[Outcome]) -> Iterator[Measure]:
 
 @kernel
 def running_sum(worth, count):
-    """Sum of `count` float32 values, taken again and again from an array, as `deposit` adds to a bin: one by one in float64."""
+    """Sum of `count` float32 values, taken again and again from an array, as `deposit` adds to a bin: one by one in
+    float64."""
     total = 0.0
     for k in range(count):
         total += worth[k % len(worth)]

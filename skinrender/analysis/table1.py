@@ -18,10 +18,19 @@ PAPER = {
     "beam": {"load": 2, "trace": 6281, "estimate": 1740, "total": 8023},
 }
 """Seconds (table 1)."""
+PAPER_PHOTONS, PAPER_GATHERED = 3.24e8, 32_400
+"""Photons stored, and gathered by each beam or sample point (table 1)."""
 PAPER_HARDWARE = (
     "two Intel Xeon X5550 (2.66 GHz), 24 GB, 16 threads; forearm, 200 x 200 pixels, 324 million photons stored, "
     "32 400 photons a beam or sample point"
 )
+
+
+def paper_options(method: str, photons: float = PAPER_PHOTONS) -> list[str]:
+    """Options of `skinrender render` for the paper's settings; of fewer photons fewer are gathered, by the same kernel."""
+    gathered = max(1, round(PAPER_GATHERED * photons / PAPER_PHOTONS))
+    options = ["--method", method, "--photons", repr(float(photons)), "--gather-count", str(gathered)]
+    return [*options, "--set", "photons.roulette=false"]
 
 
 def seconds_of(folder: Path) -> dict[str, float]:

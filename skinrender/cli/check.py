@@ -118,7 +118,9 @@ def _case_table(found: Iterable[Found]) -> list[Row]:
 def _table(results: Iterable[Result]) -> list[Row]:
     rows = [("quantity", f"{'expected':>13} {'got':>13} {'stderr':>9} {'z':>7}  ok")]
     for r in results:
-        values = f"{r.expected:13.7g} {r.got:13.7g} {r.stderr:9.2g} {r.z:7.2f}  {'yes' if r.ok else marked('NO', 'red')}"
+        values = (
+            f"{r.expected:13.7g} {r.got:13.7g} {r.stderr:9.2g} {r.z:7.2f}  {'yes' if r.ok else marked('NO', 'red')}"
+        )
         rows.append((f"{r.id} {r.quantity}", values))
     return rows
 

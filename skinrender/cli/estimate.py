@@ -49,5 +49,9 @@ def estimate(
     summary |= {"seconds": job.clock.seconds, "files": [str(job.exr), str(job.png), str(job.page)]}
     console.result(
         summary,
-        [*estimate_rows(summary), seconds_row(summary["seconds"]), ("wrote", f"{job.exr}, {job.png.name}, {job.page.name}")],
+        [
+            *estimate_rows(summary),
+            seconds_row(summary["seconds"]),
+            ("wrote", f"{job.exr}, {job.png.name}, {job.page.name}"),
+        ],
     )

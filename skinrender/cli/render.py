@@ -72,7 +72,10 @@ def render(
     rows = estimate_rows(summary)
     rows.append(("photons looked at" if growing else "photons stored", str(summary["photons_stored"])))
     rows.append(("done", ", ".join(summary["stages_run"]) or "nothing: everything is up to date"))
-    console.result(summary, [*rows, seconds_row(summary["seconds"]), ("picture", f"{job.exr}, {job.png.name}"), ("page", str(job.page))])
+    console.result(
+        summary,
+        [*rows, seconds_row(summary["seconds"]), ("picture", f"{job.exr}, {job.png.name}"), ("page", str(job.page))],
+    )
 
 
 def _render(

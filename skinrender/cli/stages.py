@@ -76,8 +76,8 @@ def run_estimate(
 
     with folder_lock(job.out), _cluster(scheduler) as cluster:
         image, summary = estimate(
-            job.scene, volume, photon_map, threads=workers, progress=job.console.progress, clock=job.clock, cluster=cluster,
-            volume_path=job.volume,
+            job.scene, volume, photon_map, threads=workers, progress=job.console.progress, clock=job.clock,
+            cluster=cluster, volume_path=job.volume,
         )  # fmt: skip
         return write_picture(job, image, summary, reflectance)
 
@@ -99,7 +99,12 @@ def write_picture(job: Job, image: SpectralImage, summary: EstimateSummary, refl
 
 
 def run_until(
-    job: Job, volume: SkinVolume, target_error: float | None, seconds: float | None, reflectance: bool, threads: int | None
+    job: Job,
+    volume: SkinVolume,
+    target_error: float | None,
+    seconds: float | None,
+    reflectance: bool,
+    threads: int | None,
 ) -> dict[str, Any]:
     """Walk and estimate until the picture is good enough or its time is over; returns both summaries in one.
 
@@ -115,7 +120,9 @@ def run_until(
         told.update(write_picture(job, image, summary, reflectance))
         noise = told["stderr_relative_mean"]
         rounds = image.provenance["photon_map"]["rounds"]
-        job.console.detail(f"{rounds} rounds: noise of a pixel " + ("unknown" if noise is None else f"{100 * noise:.2g} %"))
+        job.console.detail(
+            f"{rounds} rounds: noise of a pixel " + ("unknown" if noise is None else f"{100 * noise:.2g} %")
+        )
 
     goal = Goal(target_error, None if seconds is None else job.began + seconds)
     with folder_lock(job.out):

@@ -1,8 +1,8 @@
 """The estimate in parts of some bands each, so that a cluster can share it.
 
-Bands are independent until their light is joined, so a part needs no photons but its own, and the picture does not depend
-on who estimated which: its spectra are those of `View.scattered` to the last bit, `stderr.Y` to rounding, as batches are
-filtered part by part.
+Bands are independent until their light is joined, so a part needs no photons but its own, and the picture does not
+depend on who estimated which: its spectra are those of `View.scattered` to the last bit, `stderr.Y` to rounding, as
+batches are filtered part by part.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 PART_PHOTONS = 8_000_000
 """Photons of a part, 130 MB on the way to a worker; a band with more is a part of its own."""
 _view: tuple[str, View] | None = None
+"""Of a worker: what its last view was made of, and the view."""
 _one_builds = threading.Lock()
 
 
@@ -40,13 +41,15 @@ def scattered_apart(
     volume_file : the view's volume.
     """
     parts = parts_of(photon_map)
-    work = ShowBands(view.scene, view.method, view.gather_count, volume_file, photon_map, sample_depths(photon_map), parts)
-    lights = []
+    work = ShowBands(
+        view.scene, view.method, view.gather_count, volume_file, photon_map, sample_depths(photon_map), parts
+    )
+    lights, stored = [], stored_per_band(photon_map)
     done = in_order(work, range(len(parts)), workers=cluster.slots, open_executor=cluster.open_executor)
     with closing(done), photons_bar(len(photon_map), view.method, progress) as bar:
         for light in done:
             lights.append(light)
-            bar.update(int(stored_per_band(photon_map)[light.bands].sum()))
+            bar.update(int(stored[light.bands].sum()))
     return view.joined(lights, photon_map.rounds)
 
 
@@ -94,8 +97,8 @@ class ShowBands:
         """What a worker is sent."""
         bands = self.parts[index]
         return BandsErrand(
-            self.scene, self.method, self.gather_count, self.volume_file.digest, self.photon_map.of_bands(bands), self.depths,
-            bands,
+            self.scene, self.method, self.gather_count, self.volume_file.digest, self.photon_map.of_bands(bands),
+            self.depths, bands,
         )  # fmt: skip
 
     def keep(self, light: BandsLight) -> BandsLight:
@@ -116,6 +119,7 @@ class BandsErrand:
     bands: np.ndarray
 
     def __call__(self, volume_path: Path) -> BandsLight:
+        """Estimate the part, in the volume that lies there."""
         return self._view(volume_path).of_bands(self.photon_map, self.depths, self.bands, lambda photons: None)
 
     def _view(self, volume_path: Path) -> View:

@@ -1,8 +1,8 @@
 """Work done by the workers of a dask.distributed cluster; the only module that knows dask.
 
-A worker needs no file system in common with this machine. It gets the volume's bytes once; it walks rounds in memory and
-sends them back, and they are written here, as if they had been walked here; or it gets the photons of some bands and sends
-back what they show. A worker that dies costs what it had under way; the scheduler gives that to another.
+A worker needs no file system in common with this machine. It gets the volume's bytes once; it walks rounds in memory
+and sends them back, and they are written here, as if they had been walked here; or it gets the photons of some bands
+and sends back what they show. A worker that dies costs what it had under way; the scheduler gives that to another.
 """
 
 from __future__ import annotations
@@ -100,7 +100,10 @@ def connect(address: str) -> Iterator[Cluster]:
 @cache
 def identity() -> Mapping[str, Mapping[str, str]]:
     """What has to be alike for the bytes to be alike."""
-    return {"program": program_identity() | {"estimate": sources_hash(ESTIMATE_SOURCES)}, "processor": machine_identity()}
+    return {
+        "program": program_identity() | {"estimate": sources_hash(ESTIMATE_SOURCES)},
+        "processor": machine_identity(),
+    }
 
 
 def refuse_unlike(found: Mapping[str, Any], wanted: Mapping[str, Any], worker: str) -> None:
@@ -115,7 +118,8 @@ def refuse_unlike(found: Mapping[str, Any], wanted: Mapping[str, Any], worker: s
         raise InputError(
             f"worker {worker} would make other bytes than this machine: it differs in {'; '.join(unlike)}",
             where=_OPTION,
-            remedy="start the workers from this very installation on processors of one type, and run this command there",
+            remedy="start the workers from this very installation on processors of one type, and run this command "
+            "there",
         )
 
 
@@ -132,8 +136,8 @@ def _identities(client: Any) -> Mapping[str, Any]:
 class ClusterExecutor(ThreadPoolExecutor):
     """Has work done on a cluster; a thread here waits for each piece that is under way, and keeps what comes back.
 
-    Takes the calls that `executor.in_order` makes: ``submit(call, work, index)`` with `work` a `WalkRound` or `ShowBands`,
-    whose ``errand(index)`` is what travels.
+    Takes the calls that `executor.in_order` makes: ``submit(call, work, index)`` with `work` a `WalkRound` or
+    `ShowBands`, whose ``errand(index)`` is what travels.
     """
 
     def __init__(self, client: Any, slots: int) -> None:

@@ -1,7 +1,8 @@
 """The process pool: rounds are handed out ahead of need and come back in order.
 
 The only module that knows how work is spread. It asks for nothing but `concurrent.futures.Executor`, so a cluster's
-executor can take the pool's place. It imports no numpy: a worker sets the number of threads before anything heavy loads.
+executor can take the pool's place. It imports no numpy: a worker sets the number of threads before anything heavy
+loads.
 """
 
 from __future__ import annotations
@@ -27,13 +28,16 @@ DEATHS_IN_A_ROW = 3
 MOST_WORKERS, MOST_WORKERS_PER_CORE = 32, 4
 ONE_THREAD = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
-UNGUARDED = "a script that starts processes is imported by each of them: start the run under `if __name__ == '__main__':`"
+UNGUARDED = (
+    "a script that starts processes is imported by each of them: start the run under `if __name__ == '__main__':`"
+)
 
 _enough = None
 
 
 def leave_unguarded_script() -> None:
-    """End this process if it is a worker that is still importing the script it belongs to, and so starts the run again."""
+    """End this process if it is a worker that is still importing the script it belongs to, and so starts the run
+    again."""
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         raise SystemExit(1)  # the run that started this worker tells why
 
@@ -144,7 +148,9 @@ class _Handout:
 
     def _replace(self, error: BrokenExecutor) -> None:
         if self._begun is not None and not self._begun.poll():
-            raise InputError("worker processes end before they begin", where="workers", remedy=f"{UNGUARDED}, or use 1") from error
+            raise InputError(
+                "worker processes end before they begin", where="workers", remedy=f"{UNGUARDED}, or use 1"
+            ) from error
         self._deaths += 1
         if self._deaths > DEATHS_IN_A_ROW:
             raise RunError(
@@ -165,7 +171,9 @@ def _has_result(future: Future) -> bool:
 def _pool_opener(workers: int, enough, tell_begun) -> Callable[[], Executor]:
     def open_pool() -> ProcessPoolExecutor:
         context = multiprocessing.get_context("spawn")
-        return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker, initargs=(enough, tell_begun))
+        return ProcessPoolExecutor(
+            workers, mp_context=context, initializer=_begin_worker, initargs=(enough, tell_begun)
+        )
 
     return open_pool
 

@@ -80,7 +80,8 @@ def lateral_reach(p, height, z, region, borders, index):
 
 @kernel
 def solve_snell(lateral, height, z, region, borders, index):
-    """Snell invariant of the ray from `height` above the surface that gets to depth z at a horizontal distance (Newton)."""
+    """Snell invariant of the ray from `height` above the surface that gets to depth z at a horizontal distance
+    (Newton)."""
     low, high = 0.0, index[0]
     for r in range(1, region + 2):
         high = min(high, index[r])
@@ -147,7 +148,8 @@ def add_depth_along(tissue, lx, ly, x, y, z, region, ex, ey, p, borders, index, 
         cosine = math.sqrt(max(1e-30, 1.0 - sine * sine))
         length = (bottom - top) / cosine
         add_optical_depth(
-            tissue.palette_index, tissue.z_edges, lx, ly, tissue.mu_t, x, y, top, ex * sine, ey * sine, cosine, length, tau
+            tissue.palette_index, tissue.z_edges, lx, ly, tissue.mu_t, x, y, top, ex * sine, ey * sine, cosine, length,
+            tau
         )
         x, y = x + ex * sine * length, y + ey * sine * length
 
@@ -163,8 +165,8 @@ def deposit_flat(
 
     Parameters
     ----------
-    box : (4,) lowest x and y, highest x and y of entries that can be seen; drift : (4,) lowest and highest move aside of a
-        ray per depth, in the same order.
+    box : (4,) lowest x and y, highest x and y of entries that can be seen; drift : (4,) lowest and highest move aside
+        of a ray per depth, in the same order.
     borders, index : see `lateral_reach`; the rest as `connect_relief.deposit_relief`.
 
     Returns the number of contributions.

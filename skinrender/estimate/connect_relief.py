@@ -94,13 +94,14 @@ def deposit_relief(
                     value = weight * phase * (1.0 - reflectance) * eta * eta * area
                     chance = survives(value * math.exp(-tissue.clearest * length), least, number + i - first, k)
                     if chance == 0.0 or not is_free(
-                        heights, cells, lx, ly, highest, (a, b, h, ux, uy, uz, nx, ny, nz), (dx, dy, dz), (px, py, z), length,
-                        mesh.sag_mm,
+                        heights, cells, lx, ly, highest, (a, b, h, ux, uy, uz, nx, ny, nz), (dx, dy, dz), (px, py, z),
+                        length, mesh.sag_mm,
                     ):  # fmt: skip
                         continue
                     tau[0] = 0.0
                     add_optical_depth(
-                        tissue.palette_index, tissue.z_edges, lx, ly, tissue.mu_t, a, b, entry_z, dx, dy, dz, length, tau
+                        tissue.palette_index, tissue.z_edges, lx, ly, tissue.mu_t, a, b, entry_z, dx, dy, dz, length,
+                        tau
                     )
                     image[pixel] += np.float32(value * math.exp(-tau[0]) / chance)
                     contributions += 1

@@ -63,7 +63,8 @@ def image_range(x, length, low, high):
 
 DROP, WEIGHT = 0, 1
 MOST_RISE = 40.0
-"""Optical depth from mid-slab up to a photon; where it is more, the slab does not show and the number need only be finite."""
+"""Optical depth from mid-slab up to a photon; where it is more, the slab does not show and the number need only be
+finite."""
 BLOCK = 256
 
 
@@ -71,9 +72,9 @@ BLOCK = 256
 def ray_weights(slab, tau, outside_power, descent, bin_area, pixel_of, worth, factor):
     """What a photon's connection to a ray is worth in one slab, in two factors.
 
-    The filter must blur the light alone and nothing that belongs to the ray: neither its transmittance nor, on a relief,
-    its refraction and tilt, which go together with the transmittance. So what a pixel's rays are worth on average at
-    mid-slab is applied after the filter, and before it only what one ray is worth relative to that.
+    The filter must blur the light alone and nothing that belongs to the ray: neither its transmittance nor, on a
+    relief, its refraction and tilt, which go together with the transmittance. So what a pixel's rays are worth on
+    average at mid-slab is applied after the filter, and before it only what one ray is worth relative to that.
 
     Parameters
     ----------
@@ -81,10 +82,10 @@ def ray_weights(slab, tau, outside_power, descent, bin_area, pixel_of, worth, fa
     outside_power : (Q,) f4, power of a photon times the factor from radiance inside to radiance outside.
     descent (S, Q) f4, bin_area (S,) : of the rays and their bins.
     pixel_of : (Q,) pixel of each ray.
-    worth : (S, Q, 2) f4, row `slab` filled; before the filter: DROP, the optical depth across the slab along the ray, and
-        WEIGHT, the ray's worth relative to its pixel's / bin area. Side by side, as each costs a cache miss.
-    factor : (S, pixels) f4, added to; after it: transmittance to mid-slab x outside power / descent, mean over the pixel's
-        rays.
+    worth : (S, Q, 2) f4, row `slab` filled; before the filter: DROP, the optical depth across the slab along the ray,
+        and WEIGHT, the ray's worth relative to its pixel's / bin area. Side by side, as each costs a cache miss.
+    factor : (S, pixels) f4, added to; after it: transmittance to mid-slab x outside power / descent, mean over the
+        pixel's rays.
     """
     count, pixels = tau.shape[1], factor.shape[1]
     half = np.float32(0.5)
@@ -116,8 +117,8 @@ def find_cells(
 ):
     """First pass over photons i..last-1: fills a block with those that are seen; returns (next photon, entries).
 
-    entry (BLOCK + images, 6): direction, anisotropy, weight, half slab minus place in it; cell_of (BLOCK + images, 2): slab and
-    bin; images is the most that one photon can have.
+    entry (BLOCK + images, 6): direction, anisotropy, weight, half slab minus place in it; cell_of (BLOCK + images, 2):
+    slab and bin; images is the most that one photon can have.
     """
     deepest = edges[edges.size - 1]
     reach = deepest + (0.0 if relief is None else 1.0)
@@ -168,10 +169,12 @@ def add_light(image, y_image, factor, y_weight, slab, pixel, value):
 
 @allocating_kernel
 def deposit(
-    position, direction, first, last, keep, z_top, lx, ly, periodic, relief, edges, region, to_lattice, bounds, only_ray,
+    position, direction, first, last, keep, z_top, lx, ly, periodic, relief, edges, region, to_lattice, bounds,
+    only_ray,
     start, rays, ray_direction, worth, pixel_of, h, w, palette_index, z_edges, g, factor, y_weight, image, y_image,
 ):
-    """Adds the photons first..last-1 of one band to the slab images, and what they show to the luminance of their batch.
+    """Adds the photons first..last-1 of one band to the slab images, and what they show to the luminance of their
+    batch.
 
     In passes over blocks of photons: which bin, which ray, what it is worth. Every table is larger than the cache, and
     only when a pass does nothing but look up do the processor's misses overlap.
@@ -187,8 +190,8 @@ def deposit(
     g : (P,) anisotropy in the band.
     factor : (S, pixels) of `ray_weights`; y_weight: luminance of the band.
     image : (S, pixels) f8, added to: radiance outside but for the factor.
-    y_image : (pixels,) f8, added to: luminance, not filtered. A batch holds fewer photons than slab images have pixels, so
-        that images of its own, cleared and summed for every band, took longer than the photons.
+    y_image : (pixels,) f8, added to: luminance, not filtered. A batch holds fewer photons than slab images have pixels,
+        so that images of its own, cleared and summed for every band, took longer than the photons.
 
     Returns the number of contributions and their sum, with the factor.
     """
@@ -210,7 +213,8 @@ def deposit(
             slab, q = cell_of[k, 0], ray[k]
             if q >= 0:
                 value = connect(
-                    slab, q, entry[k, 0], entry[k, 1], entry[k, 2], entry[k, 3], entry[k, 5], region, ray_direction, worth
+                    slab, q, entry[k, 0], entry[k, 1], entry[k, 2], entry[k, 3], entry[k, 5], region, ray_direction,
+                    worth
                 )
                 entry[k, 0] = entry[k, 4] * value
                 ray[k] = pixel_of[q]

@@ -4,9 +4,9 @@ For ray q with sample points x_j every ds, spheres of radius r_j that hold about
 
     L(q) = (1 - F) / n^2 sum_j ds sum_{i: |x_i - x_j| < r_j} exp(-tau_q(D_i)) p(w_i . -w_i') Phi_i / (V_j c(D_i))
 
-w' is the view ray nearest to the photon (`gather_points.connect_to_own`), c the share of a photon's weights that falls on
-sample points at all (`gather_points.depth_share`). The radii follow from the map's density at each depth and are fixed
-before the sum, which keeps rounds independent.
+w' is the view ray nearest to the photon (`gather_points.connect_to_own`), c the share of a photon's weights that falls
+on sample points at all (`gather_points.depth_share`). The radii follow from the map's density at each depth and are
+fixed before the sum, which keeps rounds independent.
 """
 
 from __future__ import annotations
@@ -114,14 +114,16 @@ def _gatherer(stream: Stream, band: Band, radius: np.ndarray):
     if stream.volume.sides != "periodic":
         outside /= side_share(rays.point, radius, stream.volume.size_mm)
     relative = None if stream.subpixels == 1 else _relative(worth, of_pixels[:, stream.pixel_of])
-    share = depth_share(edges, radius, np.linspace(0.0, edges[-1], max(_SHARE_DEPTHS, _SHARE_OF_STEP * len(radius)) + 1))
+    share = depth_share(
+        edges, radius, np.linspace(0.0, edges[-1], max(_SHARE_DEPTHS, _SHARE_OF_STEP * len(radius)) + 1)
+    )
     fine = (finer.nearest_ray, finer.to_lattice, *finer.shape, finer.rays.direction, band.tau, stream.pixel_of)
     palette, g = band.anisotropy
 
     def add(index: int, batch: int, image: np.ndarray) -> int:
         return gather_points(
-            *band.photons(index), edges, radius, step, share, rays.region, fine, relative, lattice.to_lattice, lattice.bounds,
-            lattice.bin_start, lattice.ray_of, rays.point, band.pixel_depth, *lattice.shape, palette,
+            *band.photons(index), edges, radius, step, share, rays.region, fine, relative, lattice.to_lattice,
+            lattice.bounds, lattice.bin_start, lattice.ray_of, rays.point, band.pixel_depth, *lattice.shape, palette,
             stream.volume.z_edges_mm, g, outside, image,
         )  # fmt: skip
 

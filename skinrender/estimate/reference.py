@@ -111,8 +111,8 @@ class Reference:
         if reached < len(depth):
             deepest = below[reached] - (depth[reached] - DEEPEST) / clearest[reached - 1]
         return Tissue(
-            palette, np.ascontiguousarray(z_edges, np.float64), mu_t[:, None], np.ascontiguousarray(self.volume.g[:, band]),
-            float(clearest.min()), float(deepest),
+            palette, np.ascontiguousarray(z_edges, np.float64), mu_t[:, None],
+            np.ascontiguousarray(self.volume.g[:, band]), float(clearest.min()), float(deepest),
         )  # fmt: skip
 
     def connector(self, band: int, refine: int = REFINE) -> Callable[[int, int, np.ndarray], int]:
@@ -137,8 +137,8 @@ class Reference:
         def add(round_index: int, batch: int, image: np.ndarray) -> int:
             part = self.photon_map.band_slice(round_index, band)
             return kernel(
-                self.photon_map.position, self.photon_map.direction, part.start, part.stop, keep, lx, ly, periodic, tissue,
-                self.film, *special, least, (round_index * self.photon_map.bands + band) << 32, image,
+                self.photon_map.position, self.photon_map.direction, part.start, part.stop, keep, lx, ly, periodic,
+                tissue, self.film, *special, least, (round_index * self.photon_map.bands + band) << 32, image,
             )  # fmt: skip
 
         return add
@@ -187,8 +187,10 @@ def estimate_reference(reference: Reference, bands: np.ndarray) -> BandsLight:
         if reference.relief is not None:
             work(reference.connector(band, 2 * REFINE), enter_finer, batches[MESH_BATCHES])
         reference.progress(sum(_count(photon_map, index, band) for index in range(photon_map.rounds)))
+        photon_map.forget_pages()
     return BandsLight(
-        bands, radiance, None, batch_y.reshape(-1, rows, columns), totals, seen, batch_sum_finer=finer[: len(totals[MESH_BATCHES])]
+        bands, radiance, None, batch_y.reshape(-1, rows, columns), totals, seen,
+        batch_sum_finer=finer[: len(totals[MESH_BATCHES])]
     )
 
 

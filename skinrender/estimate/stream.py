@@ -19,7 +19,8 @@ from skinrender.photonmap.photon_map import PhotonMap
 from skinrender.skin.volume import SkinVolume
 
 _DEPTHS_AT_ONCE = 2**26
-"""Optical depths held at once, 256 MB: the rays are followed through the voxels once for as many bands as that holds."""
+"""Optical depths held at once, 256 MB: the rays are followed through the voxels once for as many bands as that
+holds."""
 _SAMPLE = 200_000
 _ANY_WIDTH_MM = 1e30
 
@@ -37,7 +38,8 @@ def bands_at_once(depths: int) -> int:
 
 
 class DepthSample(NamedTuple):
-    """Depths of an even sample of a map's photons, and how many photons each stands for: what gather radii come from."""
+    """Depths of an even sample of a map's photons, and how many photons each stands for: what gather radii come
+    from."""
 
     z_mm: np.ndarray
     photons_each: float
@@ -55,8 +57,8 @@ class Stream:
 
     Parameters
     ----------
-    lattice : k x k rays a pixel, to which photons are connected: one where the surface is flat. On a relief the tissue is
-        of uneven thickness within a voxel, and the light inside follows it: one ray a pixel would be 5 % off.
+    lattice : k x k rays a pixel, to which photons are connected: one where the surface is flat. On a relief the tissue
+        is of uneven thickness within a voxel, and the light inside follows it: one ray a pixel would be 5 % off.
     pixel_lattice : one ray a pixel; the same where the surface is flat.
     y_weight : (B,) luminance of one W mm^-2 sr^-1 in each band.
     pool : threads; the kernels release the interpreter lock.
@@ -184,7 +186,8 @@ class Band:
 
     @cached_property
     def outside_power(self) -> np.ndarray:
-        """Power of a photon (in `power_unit`) times the factor from radiance inside a region to that outside, (R, Q)."""
+        """Power of a photon (in `power_unit`) times the factor from radiance inside a region to that outside, (R,
+        Q)."""
         rays = self.stream.lattice.rays
         power = self.stream.photon_map.power_per_band[self.index] / self.stream.power_unit
         outside = rays.transmission[:, :, self.index] * power
@@ -215,7 +218,8 @@ class Band:
 
 
 def roulette_table(photon_map: PhotonMap, band: int) -> np.ndarray | None:
-    """Roulette table of a band as the kernels read it: bins per mm, then keep probabilities; None when all were kept."""
+    """Roulette table of a band as the kernels read it: bins per mm, then keep probabilities; None when all were
+    kept."""
     if photon_map.keep_probability is None:
         return None
     bins_per_mm = 1.0 / (photon_map.depth_edges_mm[1] - photon_map.depth_edges_mm[0])
@@ -228,8 +232,8 @@ def over_batches(
     """Run ``add(round, batch, image)`` over the rounds of each batch, then ``enter(batch, image)``.
 
     Batches are summed in their order, so that the result is the same for any number of threads. The images are float64:
-    a sum in float32 stops growing once it is 2^24 times what is added. Returns the sum of the batches' images and of the
-    counts that `add` returned.
+    a sum in float32 stops growing once it is 2^24 times what is added. Returns the sum of the batches' images and of
+    the counts that `add` returned.
     """
     total, count, free = np.zeros(shape), 0, []
 

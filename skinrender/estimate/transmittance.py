@@ -1,4 +1,5 @@
-"""Transmittance along the view rays (paper, section 7.2): optical depth voxel by voxel, from the entry point inwards."""
+"""Transmittance along the view rays (paper, section 7.2): optical depth voxel by voxel, from the entry point
+inwards."""
 
 from __future__ import annotations
 
@@ -27,7 +28,8 @@ def view_optical_depth(
         for q in range(start, stop):
             if hit[q]:
                 _follow(
-                    palette_index, z_edges, lx, ly, mu_t, entry, direction, region, path_edges, deepest, q, tau[q - start]
+                    palette_index, z_edges, lx, ly, mu_t, entry, direction, region, path_edges, deepest, q,
+                    tau[q - start]
                 )
             else:
                 tau[q - start] = 0.0

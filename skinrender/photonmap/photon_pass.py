@@ -67,7 +67,8 @@ def round_memory_bytes(stored: float) -> float:
 
 
 def pass_bytes(volume: SkinVolume) -> int:
-    """Most memory that a `PhotonPass` takes beside its volume: the voxels without air and as bricks, the borders' cells."""
+    """Most memory that a `PhotonPass` takes beside its volume: the voxels without air and as bricks, the borders'
+    cells."""
     fields = [field for field in regions_of(volume).heights_mm if field is not None]
     return 3 * volume.palette_index.nbytes + 2 * SAMPLE_BYTES * sum(field.size for field in fields)
 
@@ -177,7 +178,8 @@ class PhotonPass:
         index : of the round; its histories are those from ``index * histories[band]`` on.
         histories : (B,) of each band.
         store : keep the scattering events, not only their counts.
-        exits : receives, per band, an (n, 6) float32 array x, y, ux, uy, uz, scattered of the photons that left upwards.
+        exits : receives, per band, an (n, 6) float32 array x, y, ux, uy, uz, scattered of the photons that left
+            upwards.
         """
         tallies = np.zeros((self.bands, tally.columns(len(self.layer_names))), dtype=np.int64)
         photons = StoredPhotons(self._expected) if store else None
@@ -198,7 +200,8 @@ class PhotonPass:
         tiles = np.maximum(1, np.ceil(np.array(self.volume.size_mm) / TILE_MM)).astype(int)
         z_mean = -float(self.volume.z_edges_mm[0])
         first_too = not has_single_term(self.volume, self.light)
-        source = (stream_key(self.seed, band, WALK_STAGE), index * count, count, int(tiles[0]), int(tiles[1]), z_mean, first_too)
+        key = stream_key(self.seed, band, WALK_STAGE)
+        source = (key, index * count, count, int(tiles[0]), int(tiles[1]), z_mean, first_too)
         keep = self.depth_table.thresholds(band)
         left = None if exits is None else np.zeros((count, 6), np.float32)
         tallies = np.zeros((tally.WAYS, counts.size), dtype=np.int64)
@@ -209,14 +212,18 @@ class PhotonPass:
             if photons is not None:
                 photons.make_room()
                 position, direction, state[2] = photons.position, photons.direction, photons.count
-            walk(f, w, source, self._light_parameters, medium, self._relief, keep, position, direction, tallies, left, state)
+            walk(
+                f, w, source, self._light_parameters, medium, self._relief, keep, position, direction, tallies, left,
+                state,
+            )  # fmt: skip
             if photons is not None:
                 photons.count = int(state[2])
             if state[1] == 0:
                 break
             if state[3] > ENDLESS:
                 raise RunError(
-                    f"at {self.volume.wavelength_nm[band]:g} nm photons hardly ever end: none has in {ENDLESS:.1g} flights\n"
+                    f"at {self.volume.wavelength_nm[band]:g} nm photons hardly ever end: none has in "
+                    f"{ENDLESS:.1g} flights\n"
                     "  give the tissue some absorption, or make it thinner or clearer"
                 )
         counts += tallies.sum(axis=0)

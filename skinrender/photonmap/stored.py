@@ -7,17 +7,20 @@ import numpy as np
 from skinrender.transport.lanes import LANES
 
 LEAST = 1 << 16
+"""Photons for which there is room at first, at least."""
 _SPARE = 1.05
+"""Room over the photons expected, so that a round that stores somewhat more than the one before need not grow."""
 
 
 class StoredPhotons:
     """Photons of a round while it is walked.
 
+    position (3 capacity,) f4, mm, and direction (capacity,) i4, two u2 of an octahedral code, are filled up to `count`
+    photons.
+
     Parameters
     ----------
     expected : photons that the round may store; more find room too.
-
-    position (3 capacity,) f4 and direction (capacity,) i4 are filled up to `count` photons.
     """
 
     def __init__(self, expected: int = 0):
@@ -37,10 +40,12 @@ class StoredPhotons:
 
     def arrays(self) -> tuple[np.ndarray, np.ndarray]:
         """Position (count, 3) f4 and direction (count, 2) u2, as a map has them."""
-        return self.position[: 3 * self.count].reshape(-1, 3), self.direction[: self.count].view(np.uint16).reshape(-1, 2)
+        direction = self.direction[: self.count].view(np.uint16)
+        return self.position[: 3 * self.count].reshape(-1, 3), direction.reshape(-1, 2)
 
 
 def _grown(array: np.ndarray, size: int, used: int) -> np.ndarray:
+    """A larger array (size,) with the first `used` values of one that has become too small."""
     larger = np.empty(size, array.dtype)
     larger[:used] = array[:used]
     return larger

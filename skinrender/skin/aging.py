@@ -3,10 +3,10 @@
 - Depth of the forearm's furrows is level to 40 years and then rises, to more than twice that at 80; their number a
   centimeter falls meanwhile (P. Corcuff et al., J. Soc. Cosmet. Chem. 34 (1983), 177). Here: 1 to 2.2 from 40 to 80
   years, and half the number from 30 to 80.
-- The furrows of all but one direction flatten (J. M. Lagarde et al., Skin Res. Technol. 11 (2005), 110). Here: from equal
-  at 30 years to 60 % shallower at 80.
-- Of all sites of the face the cheek's relief depends on age the least (Y. Takema et al., J. Dermatol. Sci. 15 (1997), 55).
-  Here: half as much.
+- The furrows of all but one direction flatten (J. M. Lagarde et al., Skin Res. Technol. 11 (2005), 110). Here: from
+  equal at 30 years to 60 % shallower at 80.
+- Of all sites of the face the cheek's relief depends on age the least (Y. Takema et al., J. Dermatol. Sci. 15 (1997),
+  55). Here: half as much.
 
 The directions are measured, the straight lines between two ages are assumed.
 """

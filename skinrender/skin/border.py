@@ -3,8 +3,8 @@
 Every border is z = depth + a h(x, y) + b w(x, y) + c(x, y), with the surface h and the wave w of the dermal-epidermal
 border:
 
-- a = 1 through the epidermis, which keeps its thickness along the surface's normal (a furrow is a fold, not a cut): c is
-  what `offset_mm` adds to its vertical thickness, 35 % on a wall of 42 degrees, nothing on a plateau;
+- a = 1 through the epidermis, which keeps its thickness along the surface's normal (a furrow is a fold, not a cut): c
+  is what `offset_mm` adds to its vertical thickness, 35 % on a wall of 42 degrees, nothing on a plateau;
 - b grows from 0 to 1 through the granular and spinous layers and is 1 through the basal layer, a single row of cells
   that follows the border: the wave's room comes out of the spinous layer, as between rete ridges;
 - below, all three fade linearly to 0 at the bottom of the subpapillary layer.
@@ -28,8 +28,10 @@ WAVE_PERIOD_UM = 110.0
 LEAST_VIABLE_MM = 0.020
 _COLUMNS_PER_PERIOD = 2.5
 _BANDWIDTH = 0.08
+"""Standard deviation of the wave's frequencies over their mean."""
 _WAVE_SEED = 11
 _RING, _DIRECTIONS = np.deg2rad(10.0), 12
+"""Of `offset_mm`: angle between the rings of a ball at most, and points on each."""
 _ROOM = 1.1
 """How much higher than the largest displacement the fading stretch must be, so that no border overtakes the next."""
 
@@ -60,7 +62,8 @@ class Fold:
         )
 
     def between(self, depth_mm: float) -> tuple[int, float]:
-        """Node k above a depth, and which part of the way to node k + 1 it lies; the lowest nodes' for what is below."""
+        """Node k above a depth, and which part of the way to node k + 1 it lies; the lowest nodes' for what is
+        below."""
         k = int(np.clip(np.searchsorted(self.depth_mm, depth_mm, side="right") - 1, 0, self.depth_mm.size - 2))
         part = (depth_mm - self.depth_mm[k]) / (self.depth_mm[k + 1] - self.depth_mm[k])
         return k, float(np.clip(part, 0.0, 1.0))
@@ -69,8 +72,8 @@ class Fold:
 def offset_mm(surface_mm: np.ndarray, size_mm: tuple[float, float], distance_mm: float) -> np.ndarray:
     """Heights (hx, hy), mm, at the cell centers of the surface that lies everywhere at a distance below another one.
 
-    What is nearer to the air than the distance t lies above it: z(x) = max over |d| <= t of h(x + d) + sqrt(t^2 - d^2), a
-    dilation by a ball (J. Serra, Image Analysis and Mathematical Morphology, 1982). On a plane of slope s that is t
+    What is nearer to the air than the distance t lies above it: z(x) = max over |d| <= t of h(x + d) + sqrt(t^2 - d^2),
+    a dilation by a ball (J. Serra, Image Analysis and Mathematical Morphology, 1982). On a plane of slope s that is t
     sqrt(1 + s^2) lower, at the bottom of a furrow t. The maximum is taken over the center and 12 directions on rings of
     the ball, every 10 degrees up to the surface's steepest slope: on planes at most 2 % of t are missing.
 
@@ -78,7 +81,7 @@ def offset_mm(surface_mm: np.ndarray, size_mm: tuple[float, float], distance_mm:
     ----------
     surface_mm (hx, hy) : control points of h.
     """
-    x, y = ((np.arange(count) + 0.5) * (length / count) for count, length in zip(surface_mm.shape, size_mm))
+    x, y = _cell_centers(surface_mm.shape, size_mm)
     deepest = evaluate_grid(surface_mm, size_mm, x, y) + distance_mm
     steepest = _steepest(surface_mm, size_mm)
     rings = int(np.ceil(steepest / _RING))
@@ -88,6 +91,11 @@ def offset_mm(surface_mm: np.ndarray, size_mm: tuple[float, float], distance_mm:
             beside = evaluate_grid(surface_mm, size_mm, x + away * np.cos(angle), y + away * np.sin(angle))
             np.maximum(deepest, beside + down, out=deepest)
     return deepest
+
+
+def _cell_centers(samples: tuple[int, int], size_mm: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+    """x (hx,) and y (hy,), mm."""
+    return tuple((np.arange(count) + 0.5) * (length / count) for count, length in zip(samples, size_mm))
 
 
 def _steepest(surface_mm: np.ndarray, size_mm: tuple[float, float]) -> float:
@@ -100,11 +108,11 @@ def _steepest(surface_mm: np.ndarray, size_mm: tuple[float, float]) -> float:
 def thickening_mm(surface_mm: np.ndarray, size_mm: tuple[float, float], fold: Fold) -> np.ndarray:
     """How much lower than under a plane (K, hx, hy) f4, mm, borders at the nodes of a fold lie.
 
-    Layers of the epidermis keep their thickness along the normal; the lowest node is flat. Never less for a deeper border
-    of the epidermis, so that none overtakes the next, and none lower than at the bottom of the deepest furrow.
+    Layers of the epidermis keep their thickness along the normal; the lowest node is flat. Never less for a deeper
+    border of the epidermis, so that none overtakes the next, and none lower than at the bottom of the deepest furrow.
     """
     room_mm = surface_mm.max() - surface_mm
-    x, y = ((np.arange(count) + 0.5) * (length / count) for count, length in zip(surface_mm.shape, size_mm))
+    x, y = _cell_centers(surface_mm.shape, size_mm)
     own = evaluate_grid(surface_mm, size_mm, x, y)
     added = np.zeros((fold.depth_mm.size, *surface_mm.shape), np.float32)
     for k, depth in enumerate(fold.depth_mm[:-1]):

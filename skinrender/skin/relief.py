@@ -195,7 +195,8 @@ def _nearest_of_jittered_grid(size_mm, samples, spacing_mm, rng, stretch=1.0) ->
     """Distance (hx, hy) to the nearest of irregular points, one in each cell of a grid, and to the border that it
     shares with the next nearest (S. Worley, A cellular texture basis function, SIGGRAPH 1996), mm.
 
-    stretch: x is divided and y multiplied by it before nearness is judged; distances to borders are those of the plane."""
+    stretch: x is divided and y multiplied by it before nearness is judged; distances to borders are those of the
+    plane."""
     scale = np.array([1 / stretch, stretch])[:, None, None]
     cells = [max(1, round(length * s / spacing_mm)) for length, s in zip(size_mm, scale.flat)]
     pitch = [length / count for length, count in zip(size_mm, cells)]

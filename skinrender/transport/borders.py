@@ -40,8 +40,9 @@ INSIDE, LEFT_TOP, LEFT_BOTTOM, LEFT_SIDE = 0, 1, 2, 3
 _MAX_AIR_BOUNCES = 10_000
 
 
-# Columns of `Borders.table`: z of the border, its row in the height fields or -1, and of the region below it the refractive
-# index and the depths between which none of its borders reaches. The row after the last border holds the index below all.
+# Columns of `Borders.table`: z of the border, its row in the height fields or -1, and of the region below it the
+# refractive index and the depths between which none of its borders reaches. The row after the last border holds the
+# index below all.
 BORDER_Z, INDEX, SAFE_TOP, SAFE_BOTTOM = 0, 2, 3, 4
 
 
@@ -68,7 +69,8 @@ def index_of(borders, region):
 
 @kernel
 def majorant_depth(majorant, z):
-    """Majorant optical depth at depth z (mm); majorant (slabs, 3): upper edge (mm), its optical depth, majorant (1/mm)."""
+    """Majorant optical depth at depth z (mm); majorant (slabs, 3): upper edge (mm), its optical depth, majorant
+    (1/mm)."""
     k = majorant.shape[0] - 1
     while k > 0 and z < majorant[k, 0]:
         k -= 1
@@ -96,7 +98,8 @@ def border_distance(borders, relief, k, side, x, y, z, dx, dy, dz, path):
         row = int(borders.table[k, ROUGH])
         if row >= 0:
             return first_hit(
-                relief.heights[row], relief.bounds[row], borders.lx, borders.ly, x, y, z, dx, dy, dz, path, np.float64(side)
+                relief.heights[row], relief.bounds[row], borders.lx, borders.ly, x, y, z, dx, dy, dz, path,
+                np.float64(side)
             )
     end = z + dz * path
     if side > 0:

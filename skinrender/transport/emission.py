@@ -1,8 +1,8 @@
 """Emission: every history starts at the lamp and is aimed at the patch, so that none is wasted.
 
-A point lamp draws the direction uniformly over the solid angle of the patch (Urena, Fajardo and King 2013), a collimated
-one the position uniformly over the patch or its own disc, a sky position and cosine-distributed direction. All
-histories of a band then carry the same power: power aimed at the patch / histories.
+A point lamp draws the direction uniformly over the solid angle of the patch (Urena, Fajardo and King 2013), a
+collimated one the position uniformly over the patch or its own disc, a sky position and cosine-distributed direction.
+All histories of a band then carry the same power: power aimed at the patch / histories.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import numpy as np
 from skinrender.transport import inlined_kernel
 
 POINT, COLLIMATED, SKY = 0, 1, 2
-# Layout of a light's parameters (float64): kind, x, y, z of the lamp or the beam's center, direction, radius (< 0: patch),
-# then for a point lamp the constants of `rectangle_constants`.
+# Layout of a light's parameters (float64): kind, x, y, z of the lamp or the beam's center, direction, radius (< 0:
+# patch), then for a point lamp the constants of `rectangle_constants`.
 KIND, LAMP, DIRECTION, RADIUS, RECTANGLE = 0, 1, 4, 7, 8
 
 

@@ -20,7 +20,8 @@ class Grid(NamedTuple):
 
     plane_edge (planes + 1): z of the voxel planes, mm from the top, the last one infinite; coarse_plane: first plane of
     each coarse depth cell; edges_in_cell: most edges that lie between that plane and a depth in the cell; brick
-    (bricks_x * bricks_y * planes) uint32, those of a column together: 2 * offset into `palette` + 1 if the brick varies; palette uint16.
+    (bricks_x * bricks_y * planes) uint32, those of a column together: 2 * offset into `palette` + 1 if the brick
+    varies; palette uint16.
     """
 
     plane_edge: np.ndarray
@@ -40,8 +41,8 @@ ROW_SCATTER, ROW_ABSORB, ROW_G, ROW_LAYER = 0, 1, 2, 3
 def find_voxels(f, w, n, grid):
     """Sets PLANE, until now the coarse depth cell, and VOXEL, the place in `Grid.palette`, of n lanes.
 
-    Indices are unsigned: numba's test for negative ones costs as much as the look-up. The edges within a coarse cell are
-    counted, not searched: a `while` in this loop doubled its time.
+    Indices are unsigned: numba's test for negative ones costs as much as the look-up. The edges within a coarse cell
+    are counted, not searched: a `while` in this loop doubled its time.
     """
     edge, coarse_plane, brick_of = grid.plane_edge, grid.coarse_plane, grid.brick
     edges_in_cell, one = grid.edges_in_cell, np.uint64(1)

@@ -99,7 +99,8 @@ def height_and_gradient(heights, lx, ly, x, y):
 def _stencil(g, count):
     """The three periodic control points about cell coordinate g, and the fraction of its cell.
 
-    Unsigned, as numba's test for negative indices costs as much as the look-up; a division only where the period is left.
+    Unsigned, as numba's test for negative indices costs as much as the look-up; a division only where the period is
+    left.
     """
     cell = math.floor(g)
     i1 = cell if 0 <= cell < count else cell % count

@@ -1,7 +1,7 @@
 """The block of photons in flight: one float and one int32 buffer, structure of arrays at constant offsets.
 
-A block is walked in passes over all its lanes (`move`, `cross`, `gather`, `turn`, `emit`). One buffer a type at constant
-offsets, not one array a quantity: with many array arguments LLVM can't rule out that they overlap and gives up
+A block is walked in passes over all its lanes (`move`, `cross`, `gather`, `turn`, `emit`). One buffer a type at
+constant offsets, not one array a quantity: with many array arguments LLVM can't rule out that they overlap and gives up
 vectorizing. The float buffer is float32, or float64 for stiff stacks (`Medium.real`).
 """
 

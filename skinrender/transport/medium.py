@@ -164,7 +164,8 @@ def stiffness(majorant: np.ndarray, z_edges_mm: np.ndarray) -> str | None:
 
 
 def make_relief(heights: list[np.ndarray], size_mm: tuple[float, float]) -> Relief | None:
-    """Height fields (hx, hy), mm from the top of the volume, with what is known around their cells; None without any."""
+    """Height fields (hx, hy), mm from the top of the volume, with what is known around their cells; None without
+    any."""
     if not heights:
         return None
     bounds = np.stack([cell_bounds(field) for field in heights])
@@ -196,8 +197,9 @@ def make_medium(
 ) -> Medium:  # fmt: skip
     """Executed medium of one band.
 
-    mu_a, mu_s (1/mm), g, layer (P,): palette entries, of `layers` tissue layers; plane_mu_t (planes,): largest extinction of each plane;
-    borders and z_edges_mm in mm from the top of the volume, which is z_top in the scene's coordinates.
+    mu_a, mu_s (1/mm), g, layer (P,): palette entries, of `layers` tissue layers; plane_mu_t (planes,): largest
+    extinction of each plane; borders and z_edges_mm in mm from the top of the volume, which is z_top in the scene's
+    coordinates.
     """
     majorant, plane_slab = make_majorant(plane_mu_t, z_edges_mm)
     period = np.array([borders.lx, borders.ly])
@@ -206,7 +208,8 @@ def make_medium(
     rows = make_rows(collision_thresholds(mu_a, mu_s, majorant[:, 2]), g, layer)
     return Medium(
         borders, majorant, flight_constants(majorant, real), grid, cells.astype(real), last,
-        (plane_slab * len(mu_a)).astype(np.int32), rows, rows.view(np.float32), layers, period.astype(real), float(z_top),
+        (plane_slab * len(mu_a)).astype(np.int32), rows, rows.view(np.float32), layers, period.astype(real),
+        float(z_top),
     )  # fmt: skip
 
 

@@ -3,7 +3,8 @@
 The majorant extinction depends on depth alone and is constant in at most `SLABS` slabs. With the majorant optical
 depth m(z) as vertical coordinate a flight of optical length tau is one line, m' = m + u_z tau, exact across any number
 of slabs; null collisions in `turn` correct the majorant to the voxel's own extinction (Woodcock et al. 1965).
-4 to 5 slabs are the optimum in skin: one global majorant costs 2.5 times as much, stepping from voxel to voxel 2.7 times.
+4 to 5 slabs are the optimum in skin: one global majorant costs 2.5 times as much, stepping from voxel to voxel 2.7
+times.
 """
 
 from __future__ import annotations
@@ -62,8 +63,8 @@ def fly(f, w, n, slabs):
         z0 = f[Z + i]
         z1 = d0 * m1 + d1 * max(m1 - b1, zero) + d2 * max(m1 - b2, zero) + d3 * max(m1 - b3, zero) + d4 * max(m1 - b4, zero)
         here = d0 + (d1 if m0 > b1 else zero) + (d2 if m0 > b2 else zero) + (d3 if m0 > b3 else zero) + (d4 if m0 > b4 else zero)
-        # z1 - z0 cancels digits in level flight; tau / majorant is the same number unless the flight crosses a slab's edge,
-        # and then they disagree by more than rounding
+        # z1 - z0 cancels digits in level flight; tau / majorant is the same number unless the flight crosses a slab's
+        # edge, and then they disagree by more than rounding
         local, sunk = tau * here, z1 - z0
         path = local if abs(sunk - uz * local) <= np.float32(1e-5) * z0 else sunk / uz
         f[M + i] = m1
@@ -72,7 +73,9 @@ def fly(f, w, n, slabs):
         f[PATH + i] = path
         f[X + i] += f[UX + i] * path
         f[Y + i] += f[UY + i] * path
-        w[BORDER + i] = np.int32(1) if (min(z0, z1) < f[Z_SAFE_TOP + i]) | (max(z0, z1) > f[Z_SAFE_BOTTOM + i]) else np.int32(0)
+        w[BORDER + i] = (
+            np.int32(1) if (min(z0, z1) < f[Z_SAFE_TOP + i]) | (max(z0, z1) > f[Z_SAFE_BOTTOM + i]) else np.int32(0)
+        )
 
 
 @block_kernel
@@ -97,7 +100,8 @@ def mark_sides(f, w, n, lx, ly):
 
 @block_kernel
 def locate(f, w, n, cells_per_mm, last_cell, bricks_y, planes):
-    """Voxel column, as column of bricks and place in a brick, and coarse depth cell of n lanes, kept inside the volume."""
+    """Voxel column, as column of bricks and place in a brick, and coarse depth cell of n lanes, kept inside the
+    volume."""
     cx, cy, cz = cells_per_mm[0], cells_per_mm[1], cells_per_mm[2]
     mx, my, mz = last_cell[0], last_cell[1], last_cell[2]
     zero, bits, inside = np.int32(0), np.int32(BRICK_BITS), np.int32(BRICK - 1)

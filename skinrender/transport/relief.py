@@ -23,8 +23,8 @@ class Relief(NamedTuple):
     """Height fields (n, hx, hy) float64, mm from the top of the volume, and what is known around their cells.
 
     bounds (n, hx, hy, 2): lowest and highest z of each cell. around (n, hx hy LEVELS, 2) float32: within each of the
-    `NEIGHBORHOODS` of a cell, and everywhere, the largest z and the largest second derivative (1/mm) with which the surface
-    bends down; most flights near the surface are thereby known to miss it without being followed.
+    `NEIGHBORHOODS` of a cell, and everywhere, the largest z and the largest second derivative (1/mm) with which the
+    surface bends down; most flights near the surface are thereby known to miss it without being followed.
     """
 
     heights: np.ndarray
@@ -44,7 +44,8 @@ def rough_normal(heights, lx, ly, x, y):
 
 @block_kernel
 def look_around(f, w, n, cells_per_mm, last_cell):
-    """Row of `Relief.around` that holds for each flight: the cell of its end, and a neighborhood that holds its start."""
+    """Row of `Relief.around` that holds for each flight: the cell of its end, and a neighborhood that holds its
+    start."""
     sx, sy, mx, my = cells_per_mm[0], cells_per_mm[1], last_cell[0], last_cell[1]
     zero, one, across = np.int32(0), np.int32(1), np.int32(my + np.int32(1))
     everywhere = np.int32(np.int32(np.int32(mx + one) * across) << one)
@@ -59,7 +60,8 @@ def look_around(f, w, n, cells_per_mm, last_cell):
 
 @kernel
 def clear_of_relief(f, w, marked, borders, relief):
-    """Clears the mark of flights that surely stay below the height field over their region; returns how many stay marked.
+    """Clears the mark of flights that surely stay below the height field over their region; returns how many stay
+    marked.
 
     The lanes are those that `walk.list_lanes` lists. Two tests, the cheap one first, each over the whole list and
     without branches: which flights pass is so random that wrong guesses cost more than the tests.
@@ -92,8 +94,8 @@ def below_all_around(f, w, i, around, row):
 def below_each_bulge(f, w, i, relief, row, lx, ly):
     """Whether the flight of lane i passes below height field `row` however it bulges between the flight's ends.
 
-    With depths p and q below the surface at the ends and a second derivative of at most B over the lateral length L, the
-    depth between is at least (1 - t) p + t q - B L^2 t (1 - t) / 2, and that is positive for all t in (0, 1) where
+    With depths p and q below the surface at the ends and a second derivative of at most B over the lateral length L,
+    the depth between is at least (1 - t) p + t q - B L^2 t (1 - t) / 2, and that is positive for all t in (0, 1) where
     sqrt(p) + sqrt(q) > sqrt(B L^2 / 2).
     """
     heights = relief.heights[np.uint64(row)]

@@ -22,6 +22,7 @@ def _stream(array, index, value):
 
 @intrinsic
 def _store_nontemporal(_typing, array, index, value):
+    """LLVM's store with `!nontemporal`: one of the array's own type, as aligned as its values are."""
     def generate(context, builder, signature, arguments):
         data = make_array(signature.args[0])(context, builder, arguments[0]).data
         stored = builder.store(arguments[2], builder.gep(data, [arguments[1]]))

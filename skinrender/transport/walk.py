@@ -1,6 +1,7 @@
 """The photon walk of one band: blocks of lanes through the passes until every history has ended (paper, section 7.1).
 
-    fly -> wrap -> meet_borders -> locate -> find_voxels -> gather -> collide -> count_events -> store -> relaunch
+    fly -> wrap or mark_sides -> meet_borders -> locate -> find_voxels -> gather -> collide -> count_events
+    -> thin_out -> store -> relaunch
 
 A dead lane is relaunched in place with the next history; when none is left, the last live lane moves into the hole.
 """
@@ -89,7 +90,8 @@ def launch(f, w, i, source, borders, majorant, relief, light, tally, cursor):
 
 @kernel
 def leave(f, w, i, status, tally, exits):
-    """Tallies a photon that left the volume; `exits` (or None) collects x, y, ux, uy, uz, scattered of the upward ones."""
+    """Tallies a photon that left the volume; `exits` (or None) collects x, y, ux, uy, uz, scattered of the upward
+    ones."""
     unscattered = (w[FRESH + i] & UNSCATTERED) != 0
     if status == LEFT_TOP:
         if exits is not None:
@@ -222,7 +224,8 @@ def close_holes(f, w, n):
 
 @kernel
 def walk(f, w, source, light, medium, relief, keep, position, direction, tallies, exits, state):
-    """Walks the histories of `source`; returns early, to be called again, after a while and when the output is nearly full.
+    """Walks the histories of `source`; returns early, to be called again, after a while and when the output is nearly
+    full.
 
     Parameters
     ----------
@@ -234,8 +237,8 @@ def walk(f, w, source, light, medium, relief, keep, position, direction, tallies
     position, direction : (3 n,) float32 and (n,) int32 to fill, n > LANES, or None: nothing is stored.
     tallies : (WAYS, columns) int64, added to: copies, to be summed.
     exits : (histories, 6) float32 or None, see `leave`.
-    state : int64 [histories used up, lanes in flight, photons stored, flights since a history ended]; 0 lanes in flight:
-        finished.
+    state : int64 [histories used up, lanes in flight, photons stored, flights since a history ended]; 0 lanes in
+        flight: finished.
     """
     cursor = state[0:1]
     tally = tallies[0]

@@ -212,9 +212,15 @@ def test_the_table_and_plots_are_there(first):
     out = first[0]
     table = (out / "table1.md").read_text(encoding="utf-8")
     assert "| estimate |" in table and "| 11754 | 1740 | 6.76 |" in table and "<script>" not in table
-    plots = [out / "error_vs_time", *(out / "report/plots" / name for name in ("color_difference", "stages", "pictures_1"))]
+    plots = [
+        out / "error_vs_time",
+        *(out / "report/plots" / name for name in ("color_difference", "stages", "pictures_1")),
+    ]
     for plot in plots:
-        assert plot.with_suffix(".png").read_bytes().startswith(b"\x89PNG") and b"<svg" in plot.with_suffix(".svg").read_bytes()
+        assert (
+            plot.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
+            and b"<svg" in plot.with_suffix(".svg").read_bytes()
+        )
 
 
 def test_the_page_of_extreme_cases_beside_it_is_linked(first, tmp_path):
@@ -234,7 +240,9 @@ def test_errors_agree_with_what_theory_says(first):
         for level in series.levels:
             assert abs(level.bias.value) < 4 * level.bias.stderr
             assert abs(level.bias2.value) < 4 * level.bias2.stderr
-            assert level.relmse.value == pytest.approx(level.noise2.value + level.bias2.value, abs=1e-9 + 0.5 * level.noise2.value)
+            assert level.relmse.value == pytest.approx(
+                level.noise2.value + level.bias2.value, abs=1e-9 + 0.5 * level.noise2.value
+            )
 
 
 def test_a_folder_with_a_foreign_table_is_refused(tmp_path):
@@ -256,7 +264,8 @@ def level(first, photons, noise2, bias2, stderr):
         for row, factor in zip(real.rows, (0.95, 1.05))
     )
     return Level(
-        rows, Uncertain(relmse, 0.1 * relmse), Uncertain(noise2, 0.1 * noise2), Uncertain(bias2, stderr), UNKNOWN, 0.1, 0.1
+        rows, Uncertain(relmse, 0.1 * relmse), Uncertain(noise2, 0.1 * noise2), Uncertain(bias2, stderr), UNKNOWN, 0.1,
+        0.1
     )
 
 

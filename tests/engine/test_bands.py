@@ -52,7 +52,10 @@ def test_parts_hold_their_share_of_the_photons(traced, monkeypatch):
 def test_a_map_of_some_bands_holds_their_photons_alone(traced):
     whole = open_map(traced[1] / "photons.npz")
     part = whole.of_bands(np.array([1, 3]))
-    assert len(part) == stored_per_band(whole)[[1, 3]].sum() and (part.rounds, part.bands) == (whole.rounds, whole.bands)
+    assert len(part) == stored_per_band(whole)[[1, 3]].sum() and (part.rounds, part.bands) == (
+        whole.rounds,
+        whole.bands,
+    )
     for index in (0, whole.rounds - 1):
         for band in range(whole.bands):
             held, wanted = part.band_slice(index, band), whole.band_slice(index, band)
@@ -92,7 +95,9 @@ def test_the_picture_is_the_same_for_any_number_of_threads(traced, method):
     scene, folder = traced
     volume, photon_map = load_volume(folder / "volume.npz"), open_map(folder / "photons.npz")
     first, second = (
-        open_view(scene, volume, photon_map.rounds, method=method, threads=threads).scattered(photon_map, progress=False)
+        open_view(scene, volume, photon_map.rounds, method=method, threads=threads).scattered(
+            photon_map, progress=False
+        )
         for threads in (1, 3)
     )
     assert np.array_equal(first.radiance, second.radiance) and np.array_equal(first.batch_y, second.batch_y)

@@ -145,10 +145,13 @@ def test_rounds_that_are_there_are_not_walked_again(local_cluster, volume, tmp_p
     trace(scene, volume, tmp_path / "here", workers=1, progress=False, shard=(0, 2))
     asked = []
     keep = work.WalkRound.keep
-    monkeypatch.setattr(work.WalkRound, "keep", lambda self, walked: (asked.append(walked.index), keep(self, walked))[1])
+    monkeypatch.setattr(
+        work.WalkRound, "keep", lambda self, walked: (asked.append(walked.index), keep(self, walked))[1]
+    )
     with connect(local_cluster.scheduler_address) as cluster:
         trace(
-            scene, volume, tmp_path / "here", workers=2, open_executor=cluster.open_executor, progress=False, resume=True
+            scene, volume, tmp_path / "here", workers=2, open_executor=cluster.open_executor, progress=False,
+            resume=True
         )
     assert asked and all(index % 2 for index in asked)
     monkeypatch.undo()

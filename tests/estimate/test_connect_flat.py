@@ -38,7 +38,8 @@ def camera_of(name: str):
 
 
 def trace(origin: np.ndarray, direction: np.ndarray, z: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where view rays (..., 3) get to at depth z, their directions there, and their transmissions / n^2, by Snell's law."""
+    """Where view rays (..., 3) get to at depth z, their directions there, and their transmissions / n^2, by Snell's
+    law."""
     point, u, n, passed = origin, direction, 1.0, 1.0
     for top, index in zip(BORDERS, INDEX[1:]):
         if top >= z:
@@ -112,7 +113,9 @@ def test_a_handful_of_photons_by_hand(name):
     tissue = Tissue(palette, np.append(BORDERS, 1.0), mu_t, g, 2.0, np.inf)
     image = np.zeros(1600, np.float32)
     box = np.array([-5.0, -5.0, 5.0, 5.0])
-    deposit_flat(position, code, 0, 4, None, *SIZE, False, tissue, film, box, np.zeros(4), BORDERS, INDEX, 0.0, 0, image)
+    deposit_flat(
+        position, code, 0, 4, None, *SIZE, False, tissue, film, box, np.zeros(4), BORDERS, INDEX, 0.0, 0, image
+    )
     expected = np.zeros(1600)
     for k in range(4):
         points, inside, passed = trace(rays.origin, rays.direction, z[k])

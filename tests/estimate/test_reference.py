@@ -21,7 +21,9 @@ from skinrender.transport.height_field import first_hit, height
 from tests.maps import W_PER_MM2, Lit, light_up, see, slab_data, slab_layer
 
 MU_T, ROUNDS, DEPTH_MM = 20.0, 20, 0.6
-WAVES = (0.03 * np.cos(2 * np.pi * np.arange(20) / 20)[:, None] * np.cos(4 * np.pi * np.arange(20) / 20)).astype(np.float32)
+WAVES = (0.03 * np.cos(2 * np.pi * np.arange(20) / 20)[:, None] * np.cos(4 * np.pi * np.arange(20) / 20)).astype(
+    np.float32
+)
 CAMERAS = {
     "above": {},
     "aslant": {"zenith_deg": 55, "azimuth_deg": 70},
@@ -60,7 +62,8 @@ def evenly_lit(camera: dict, n: float, relief_um: float, count: int, seed: int =
 
 
 def even_radiance(lit: Lit, subpixels: int = 40) -> float:
-    """Mean over the picture of (1 - F) / n^2 / (4 pi) int exp(-mu_t s) ds, up to where each ray leaves through a wall."""
+    """Mean over the picture of (1 - F) / n^2 / (4 pi) int exp(-mu_t s) ds, up to where each ray leaves through a
+    wall."""
     volume: SkinVolume = lit.volume
     rays = view_rays(lit.scene.camera, volume.size_mm, subpixels)
     view = make_view_path(rays.origin, rays.direction, volume)

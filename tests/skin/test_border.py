@@ -30,7 +30,8 @@ def test_epidermis_keeps_its_thickness_under_the_relief():
 
 
 def test_epidermis_keeps_its_thickness_along_the_normal():
-    """Every point of a border is as far from the surface as its layer is thick: on walls, at bottoms and at shoulders."""
+    """Every point of a border is as far from the surface as its layer is thick: on walls, at bottoms and at
+    shoulders."""
     furrow = 0.05 * np.clip(1 - np.abs(np.arange(-40, 40) / 80) / 0.0625, 0, 1)
     surface = spline.control_points(np.repeat(furrow[:, None], 8, axis=1))
     center = (np.arange(80) + 0.5) / 80

@@ -1,4 +1,5 @@
-"""Point and beam estimate of independent photons, and the reference, agree, in skin and in slabs, flat and with relief."""
+"""Point and beam estimate of independent photons, and the reference, agree, in skin and in slabs, flat and with
+relief."""
 
 from __future__ import annotations
 

@@ -200,7 +200,8 @@ def lost_bytes(before: dict[str, tuple[int, int]], after: dict[str, tuple[int, i
 
 
 def campaign(stage: Stage, folder: Path, tries: int, seed: int, tally: Tally, *, workers: int = 1) -> None:
-    """Kill runs with SIGKILL at random moments and resume them, until so many tries are made; every finished map is compared.
+    """Kill runs with SIGKILL at random moments and resume them, until so many tries are made; every finished map is
+    compared.
 
     With several workers a worker is killed in every second try, the parent in the others.
     """

@@ -159,7 +159,9 @@ def scenes(draw) -> dict[str, Any]:
     size = [side, min(1e4, max(1e-3, side * draw(st.sampled_from([1.0, 1.0, 0.1, 30.0]))))]
     described: dict[str, Any] = {
         "patch": {"size_mm": size, "columns": [COLUMNS, COLUMNS]},
-        "bands_nm": draw(st.sampled_from([[550], [380, 780], [414, 550, 700], {"start": 400, "stop": 700, "step": 100}])),
+        "bands_nm": draw(
+            st.sampled_from([[550], [380, 780], [414, 550, 700], {"start": 400, "stop": 700, "step": 100}])
+        ),
         "relief": draw(RELIEF),
         "sides": draw(st.sampled_from(["periodic", "open", "dielectric"])),
         "inner_borders": draw(st.sampled_from(["auto", "fresnel", "matched"])),

@@ -99,7 +99,9 @@ def sample(folder: Path, renders: int, seconds: float) -> Sample:
     """What this process holds now."""
     gc.collect()
     status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines() if ":" in line)
-    temporary = list((folder / "temporary").iterdir()) + list(folder.glob("*/rounds")) + list(leaks.partial_files(folder))
+    temporary = (
+        list((folder / "temporary").iterdir()) + list(folder.glob("*/rounds")) + list(leaks.partial_files(folder))
+    )
     return Sample(
         renders, seconds, 1024 * int(status["RssAnon"].split()[0]), 1024 * int(status["RssFile"].split()[0]),
         len(os.listdir("/proc/self/fd")), threading.active_count(), len(leaks.shared_memory()), len(temporary),
@@ -126,7 +128,11 @@ def complaints(samples: list[Sample]) -> list[str]:
     likely, surely = growth(samples)
     if surely > 0 and likely > MOST_GROWTH_BYTES:
         found.append(f"memory grew by {likely / 1e6:.1f} MB over {samples[-1].renders - WARM_RENDERS} renders")
-    left = [f"{name}: {getattr(samples[-1], name)} left" for name in ("shared", "temporary", "children") if getattr(samples[-1], name)]
+    left = [
+        f"{name}: {getattr(samples[-1], name)} left"
+        for name in ("shared", "temporary", "children")
+        if getattr(samples[-1], name)
+    ]
     return found + left
 
 
@@ -142,7 +148,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=3600.0)
     options = parser.parse_args()
-    print(f"{'seconds':>8} {'renders':>8} {'memory MB':>10} {'files MB':>10} " + " ".join(f"{name:>11}" for name in COUNTED))
+    print(
+        f"{'seconds':>8} {'renders':>8} {'memory MB':>10} {'files MB':>10} "
+        + " ".join(f"{name:>11}" for name in COUNTED)
+    )
     samples, told = [], -ROW_SECONDS
     with tempfile.TemporaryDirectory(prefix="skinrender-soak-") as folder:
         for one in soak(Path(folder), options.seconds, 3 * WARM_RENDERS):

@@ -23,8 +23,8 @@ from skinrender.scene import make_scene
 from tests.system.scenes import COLUMNS, PATTERN, scenes
 
 SECONDS = 120
-"""Of a processor, for one small scene, compiling included: on a busy machine it may take many times as long. A walk that
-cannot end is given up later."""
+"""Of a processor, for one small scene, compiling included: on a busy machine it may take many times as long. A walk
+that cannot end is given up later."""
 EXAMPLES = int(os.environ.get("SEARCH_EXAMPLES", "300"))
 pytestmark = pytest.mark.kills
 SEARCH = {"deadline": None, "suppress_health_check": list(HealthCheck), "database": None}

@@ -200,7 +200,9 @@ def test_thresholds_decide_to_the_very_word():
     absorb[:] = np.clip(np.where(kind == 2, r - 1, r), -(2**31), 2**31 - 1)
     collide(f, w, LANES, SCATTERINGS)
     event = row(w, lanes.EVENT)
-    assert np.array_equal(event, np.array([SCATTERINGS, tally.COLLISIONS_NULL, tally.PER_LAYER, tally.COLLISIONS_NULL])[kind])
+    assert np.array_equal(
+        event, np.array([SCATTERINGS, tally.COLLISIONS_NULL, tally.PER_LAYER, tally.COLLISIONS_NULL])[kind]
+    )
     after = f.reshape(-1, LANES)[[lanes.UX // LANES, lanes.UY // LANES, lanes.UZ // LANES]].T
     moved = np.any(after != before.astype(np.float32), axis=1)
     assert moved[event == SCATTERINGS].all() and not moved[event != SCATTERINGS].any()
