@@ -101,6 +101,12 @@ def test_named_sources_scenes_and_targets_are_there(page):
     assert set(re.findall(r"`make ([\w-]+)", text)) <= {*targets, "figures"}
 
 
+@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=lambda page: page.name)
+def test_no_table_is_still_to_be_filled_in(page):
+    """A line that is one word in capitals stands for what somebody meant to measure."""
+    assert re.findall(r"^[A-Z_]{4,}$", page.read_text(encoding="utf-8"), flags=re.MULTILINE) == []
+
+
 def test_example_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", ["more_melanin.py", *FEW])

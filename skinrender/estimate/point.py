@@ -15,7 +15,7 @@ import numpy as np
 
 from skinrender.estimate.gather_points import depth_share, gather_points
 from skinrender.estimate.scatter_image import MOST_BATCHES, BandsLight, batches_of
-from skinrender.estimate.stream import Band, Stream
+from skinrender.estimate.stream import Band, Stream, over_batches
 
 MARCH_MM = 0.02
 WIDEST_MM = 0.1
@@ -80,7 +80,7 @@ def estimate_point(stream: Stream, gather_count: int | None, bands: np.ndarray) 
             totals[batch] += image.sum()
             y_image[batch] += image * y_weight
 
-        image, count = band.over_batches(batches, _gatherer(stream, band, radius), enter, (h * w,))
+        image, count = over_batches(stream.pool, batches, _gatherer(stream, band, radius), enter, (h * w,))
         seen += count
         radiance[:, :, k] = stream.power_unit * image.reshape(h, w)
     met = seen / stream.lattice.rays.slabs

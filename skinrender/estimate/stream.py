@@ -210,12 +210,6 @@ class Band:
             float(s.volume.z_edges_mm[0]), lx, ly, s.volume.sides == "periodic", s.relief,
         )  # fmt: skip
 
-    def over_batches(
-        self, batches: list[np.ndarray], add: Callable, enter: Callable, shape: tuple[int, ...]
-    ) -> tuple[np.ndarray, int]:
-        """See `over_batches`."""
-        return over_batches(self.stream.pool, batches, add, enter, shape)
-
 
 def roulette_table(photon_map: PhotonMap, band: int) -> np.ndarray | None:
     """Roulette table of a band as the kernels read it: bins per mm, then keep probabilities; None when all were
