@@ -19,7 +19,8 @@ def view_optical_depth(
 ):
     """Optical depth from the entry to each slab edge for the rays first..last-1, into depth (B, S + 1, Q).
 
-    mu_t (P, B): the bands wanted. Beyond `deepest` a ray is not followed voxel by voxel; its depth grows as before.
+    mu_t (P, B), 1/mm: the bands wanted. Where no band's depth is less than `deepest` a ray is not followed voxel by
+    voxel: its depth grows by `deepest` a slab.
     """
     slabs, bands = path_edges.shape[0] - 1, mu_t.shape[1]
     tau = np.zeros((TILE, slabs, bands))
