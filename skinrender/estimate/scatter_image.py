@@ -80,9 +80,10 @@ def joined(parts: Sequence[BandsLight], rounds: int, y_weight: np.ndarray) -> Sc
     scale = rounds / sizes
     batch_y = np.sum([part.batch_y for part in parts], axis=0) * scale[:, None, None]
     if parts[0].flattened is not None:
-        noisy = np.sum([part.flattened.noisy for part in parts], axis=0, dtype=np.float64)
-        restoration = restore(luminance, noisy.sum(axis=0), parts[0].flattened.changes)
-        batch_y = np.array([restoration.batch(*pair) for pair in zip(batch_y, noisy * scale[:, None, None])])
+        noisy = sum(part.flattened.noisy for part in parts)
+        restoration = restore(luminance, noisy, parts[0].flattened.changes)
+        batches = np.sum([part.flattened.batches for part in parts], axis=0, dtype=np.float64) * scale[:, None, None]
+        batch_y = np.array([restoration.batch(*pair) for pair in zip(batch_y, batches)])
         radiance *= restoration.factor[:, :, None].astype(np.float32)
     batch_sum = np.sum([part.batch_sum for part in parts], axis=0)
     met = sum(part.met for part in parts)
