@@ -130,18 +130,18 @@ class Restoration:
     Parameters
     ----------
     plain, factor : (h, w) filtered picture and M.
-    modes : (k, h w) combinations of the m_k that are known; inverse: (k,) of the normal equations, diagonal in them.
+    m : (K + 1, h w) a constant and the m_k, scaled alike; inverse: (K + 1, K + 1) of the normal equations.
     """
 
     plain: np.ndarray
     factor: np.ndarray
-    modes: np.ndarray
+    m: np.ndarray
     inverse: np.ndarray
 
     def batch(self, plain: np.ndarray, noisy: np.ndarray) -> np.ndarray:
         """Picture (h, w) of a batch whose photons would show `plain` and `noisy`: to first order, with its noise in beta."""
-        more = self.inverse * (self.modes @ (noisy - plain * self.factor).ravel())
-        return plain * self.factor + self.plain * (more @ self.modes).reshape(self.plain.shape)
+        more = self.inverse @ _along(self.m, (noisy - plain * self.factor).ravel())
+        return plain * self.factor + self.plain * _combined(more, self.m).reshape(self.plain.shape)
 
 
 def restore(plain: np.ndarray, noisy: np.ndarray, changes: np.ndarray) -> Restoration:
@@ -155,9 +155,19 @@ def restore(plain: np.ndarray, noisy: np.ndarray, changes: np.ndarray) -> Restor
     m = np.concatenate([np.ones((1, plain.size)), changes.reshape(len(changes), -1)])
     scale = np.sqrt((m * m).mean(axis=1))
     m = m[scale > 1e-9] / scale[scale > 1e-9, None]
-    value, vector = np.linalg.eigh((m * plain.ravel()) @ m.T)
+    value, vector = np.linalg.eigh(np.einsum("jp,kp->jk", m * plain.ravel(), m))
     known = value > _LEAST * value.max()
-    modes, inverse = vector[:, known].T @ m, 1.0 / value[known]
-    beta = inverse * (modes @ (noisy - plain).ravel())
-    factor = 1.0 + np.clip(beta @ modes, -_MOST, _MOST).reshape(plain.shape)
-    return Restoration(plain, factor, modes, inverse)
+    inverse = (vector[:, known] / value[known]) @ vector[:, known].T
+    beta = inverse @ _along(m, (noisy - plain).ravel())
+    factor = 1.0 + np.clip(_combined(beta, m), -_MOST, _MOST).reshape(plain.shape)
+    return Restoration(plain, factor, m, inverse)
+
+
+def _along(m: np.ndarray, picture: np.ndarray) -> np.ndarray:
+    """Sum over pixels of each m_k times a picture; by one thread, which is faster than BLAS's where others are busy."""
+    return np.einsum("kp,p->k", m, picture)
+
+
+def _combined(beta: np.ndarray, m: np.ndarray) -> np.ndarray:
+    """Sum over k of beta_k m_k."""
+    return np.einsum("k,kp->p", beta, m)
