@@ -13,7 +13,8 @@ sum m_j (N - L) = sum_k beta_k sum L m_j m_k. Noise alone moves no mean, as the 
 
 The shape of the spectra has a kernel three times as wide, which flattens even whole lesions. Each band's picture gets an M
 of its own, from guides that tell more of a lesion: what it lets through, weakly and strongly (bands differ in what they see
-of it), blurred up to the kernel's width, and besides m_k also F(g_k), so that a lesion's mean is that of its photons.
+of it), blurred up to the kernel's width, and besides m_k also F(g_k), so that a lesion's mean is that of its photons. The
+relief's guides stay out: bands share its shading, and on a patch of 2 mm they took the noise of color from 1.2 to 2.6.
 
 Fitting known features to a noisy picture is first-order regression (Bitterli et al., "Nonlinearly Weighted First-order
 Regression for Denoising Monte Carlo Renderings", CGF 35(4), 2016), here with one fit for the picture.
@@ -47,9 +48,9 @@ _OF_COLOR = len(COLOR_POWERS) * (len(COLOR_BLURS_MM) + 1)
 
 def guide_bytes(pixels: int) -> int:
     """Most that guides, what the kernels take from them, and the normal equations of one picture hold."""
-    changes = _OF_RELIEF + _OF_COLOR + len(COLOR_POWERS)
+    changes = max(_OF_RELIEF + _OF_LESION, _OF_COLOR + len(COLOR_POWERS))
     guides = _OF_RELIEF + _OF_LESION + _OF_COLOR
-    return pixels * (4 * (guides + _OF_RELIEF + _OF_LESION + changes) + 3 * 8 * changes)
+    return pixels * (4 * (guides + 2 * changes) + 3 * 8 * changes)
 
 
 class Guides(NamedTuple):
@@ -57,7 +58,7 @@ class Guides(NamedTuple):
 
     Parameters
     ----------
-    relief : of the height and of the lamp's light, for all.
+    relief : of the height and of the lamp's light, for the luminance.
     lesion : of what lesions let through, for the luminance.
     color : powers of what lesions let through, each as it is and blurred, for the shape of the spectra.
     """
@@ -73,7 +74,7 @@ class Guides(NamedTuple):
     def of_color(self, filtered: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         """The m_k of one band's picture, filtered by the kernel of the spectra's shape."""
         flat = [filtered(light[0]) for light in self.color]
-        return np.array([*modulations([*self.relief, *(guide for light in self.color for guide in light)], filtered), *flat])
+        return np.array([*modulations([guide for light in self.color for guide in light], filtered), *flat])
 
 
 def patterns(lights: Sequence[np.ndarray], height: np.ndarray | None, spacing_mm: float, wrap: bool) -> np.ndarray:
