@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from skinrender.engine.view import View
+from skinrender.estimate.radius import WIDEST_MM, at_columns, lesion_absorbance
 from skinrender.film.color import delta_e
 from skinrender.film.spectral_image import SpectralImage
 from skinrender.photonmap.from_rounds import map_from_rounds
@@ -37,7 +38,7 @@ CASES = {
     "slab_blue_matched": (170_000, 0.33851), "fig12_epidermal": (2000, None),
 }  # fmt: skip
 """Histories of a band and round near the wanted noise; mean radiance known, W mm^-2 sr^-1."""
-COLORED, COLOR_HISTORIES = ("fig12_epidermal",), (125, 500, 2000)
+COLORED, COLOR_HISTORIES = ("fig12_epidermal", "fig14_deep", "freckles", "mole", "tattoo"), (500, 2000)
 MORE_THAN_THERE_ARE = 10**9
 """A gather count of the widest kernel, which is then that of the spectra too."""
 PER_PHOTON = ("slab_red", "slab_blue", "fig12_epidermal")
@@ -144,13 +145,25 @@ def color_noise(name: str, case: Case, histories: int) -> str:
         seconds.append(walk.wall + show.wall)
         two.append(image.lab())
         one.append(case.picture(photons, MORE_THAN_THERE_ARE).lab())
-    noise = [float(delta_e(*labs).mean()) / math.sqrt(2.0) for labs in (one, two)]
-    return f"{name:18} {len(photons) / 1e6:9.2f} {np.mean(seconds):9.2f} {noise[0]:12.2f} {noise[1]:12.2f}"
+    noise = [delta_e(*labs) / math.sqrt(2.0) for labs in (one, two)]
+    inside = in_lesion(case)
+    told = " ".join(f"{each.mean():10.2f} {each[inside].mean():10.2f}" for each in noise)
+    return f"{name:18} {len(photons) / 1e6:9.2f} {np.mean(seconds):9.2f} {told}"
+
+
+def in_lesion(case: Case) -> np.ndarray:
+    """Pixels of a straight view above columns where lesions add half of the most that they do, (h, w)."""
+    w, h = case.scene.camera.pixels
+    x, y = ((np.arange(n) + 0.5) * size / n for n, size in zip((w, h), case.volume.size_mm))
+    absorbance = lesion_absorbance(case.volume, WIDEST_MM)
+    seen = at_columns(absorbance, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2), case.volume.size_mm)
+    return (seen > 0.5 * absorbance.max()).reshape(h, w)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("scenes", nargs="*", default=list(CASES), help=f"of {', '.join(CASES)}")
+    known = list(dict.fromkeys([*CASES, *COLORED]))
+    parser.add_argument("scenes", nargs="*", default=known, help=f"of {', '.join(known)}")
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--threads", type=int, default=2)
     options = parser.parse_args()
@@ -159,9 +172,9 @@ def main() -> None:
     for name in [name for name in PER_PHOTON if name in cases]:
         print("\n".join(per_photon(name, cases[name], max(1000, CASES[name][0] // 20))), flush=True)
     print("\nscene              seed   walk s picture s      noise  s to 1e-3    CPU / 2 mean off %", flush=True)
-    for name, case in cases.items():
-        print("\n".join(to_noise(name, case, *CASES[name], options.seeds)), flush=True)
-    print("\nscene              M photons   seconds  dE00, one kernel  two", flush=True)
+    for name in [name for name in CASES if name in cases]:
+        print("\n".join(to_noise(name, cases[name], *CASES[name], options.seeds)), flush=True)
+    print("\nscene              M photons   seconds   one kernel, inside   two kernels, inside (CIEDE2000)", flush=True)
     for name in [name for name in COLORED if name in cases]:
         for histories in COLOR_HISTORIES:
             print(color_noise(name, cases[name], histories), flush=True)

@@ -15,7 +15,7 @@ from skinrender.engine.view import (
     why_no_picture,
     why_no_reflection,
 )
-from skinrender.estimate.radius import ALIKE, COLOR_WIDER, WIDEST_MM, is_alike, lesion_absorbance
+from skinrender.estimate.radius import ALIKE, WIDEST_MM, is_alike, lesion_absorbance
 from skinrender.estimate.ray_paths import VISIBLE_DEPTH, visible_depth_mm
 from skinrender.estimate.view_path import dispersion_mm
 from skinrender.photonmap.first_scattering import why_no_single_term
@@ -173,7 +173,7 @@ def _depth_limit(p: Planned) -> Feature:
 def _kernel_bound(p: Planned) -> Feature:
     if p.scene.estimate.method != "beam":
         return Feature("kernel radius bound", False, f"the {p.scene.estimate.method} estimate has one radius a depth")
-    absorbance = lesion_absorbance(p.volume, COLOR_WIDER * WIDEST_MM)
+    absorbance = lesion_absorbance(p.volume, WIDEST_MM)
     told = f"absorbance that lesions add differs by {np.ptp(absorbance):.2g} between columns"
     if is_alike(absorbance):
         return Feature("kernel radius bound", False, f"{told}: alike, as it is not above {ALIKE:g}")

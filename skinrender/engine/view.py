@@ -17,10 +17,10 @@ from tqdm import tqdm
 
 from skinrender.errors import InputError
 from skinrender.estimate.beam import estimate_beam
-from skinrender.estimate.guide import patterns
+from skinrender.estimate.guide import Guides, color_patterns, patterns
 from skinrender.estimate.lattice import RayLattice, fit_plane, make_lattice
 from skinrender.estimate.point import estimate_point, march_edges
-from skinrender.estimate.radius import WIDEST_MM, at_columns, is_alike, lesion_absorbance
+from skinrender.estimate.radius import COLOR_WIDER, WIDEST_MM, at_columns, is_alike, lesion_absorbance
 from skinrender.estimate.ray_paths import follow_rays, slab_edges, visible_depth_mm
 from skinrender.estimate.reference import Reference, estimate_reference, remaining_bias
 from skinrender.estimate.scatter_image import BandsLight, ScatteredLight, batch_stderr, joined
@@ -104,22 +104,30 @@ class View:
             return light
         return replace(light, remaining=remaining_bias(self.scene.camera, self.volume, parts, light.radiance))
 
-    def guides(self, stream: Stream) -> np.ndarray | None:
+    def guides(self, stream: Stream) -> Guides | None:
         """The guides of the light's pattern, see `estimate.guide`; None where there is none."""
         rays, volume = stream.lattice.rays, self.volume
-        lights, height = [], None
+        grid = stream.lattice.spacing_mm * stream.subpixels, stream.covers_patch
+
+        def in_pixels(values: np.ndarray) -> np.ndarray:
+            return stream.pixel_mean(values).reshape(stream.shape)
+
+        def let_through(deepest_mm: float) -> list[np.ndarray]:
+            absorbance = lesion_absorbance(volume, deepest_mm)
+            through = at_columns(np.exp(-absorbance), rays.entry, volume.size_mm)
+            return [] if is_alike(absorbance) else [in_pixels(through)]
+
+        height, lamp = None, []
         if volume.has_relief:
-            height = rays.entry[:, 2]
-            lights += [entering_light(rays.entry, rays.hit, volume, self.light)] if has_direction(self.light) else []
-        absorbance = lesion_absorbance(volume, WIDEST_MM)
-        if not is_alike(absorbance):
-            lights.append(at_columns(np.exp(-absorbance), rays.entry, volume.size_mm))
-        if height is None and not lights:
-            return None
-        *lights, height = [
-            None if values is None else stream.pixel_mean(values).reshape(stream.shape) for values in (*lights, height)
-        ]
-        return patterns(lights, height, stream.lattice.spacing_mm * stream.subpixels, stream.covers_patch)
+            height = in_pixels(rays.entry[:, 2])
+            if has_direction(self.light):
+                lamp = [in_pixels(entering_light(rays.entry, rays.hit, volume, self.light))]
+        found = Guides(
+            relief=patterns(lamp, height, *grid),
+            lesion=patterns(let_through(WIDEST_MM), None, *grid),
+            color=color_patterns(let_through(COLOR_WIDER * WIDEST_MM), *grid),
+        )
+        return found if any(map(len, found)) else None
 
     def image(self, scattered: ScatteredLight, provenance: dict[str, Any]) -> SpectralImage:
         """The spectral picture."""

@@ -5,7 +5,8 @@ For ray q, photons i at depth D_i, kernel K taken horizontally at equal depth:
     L(q) = (1 - F) / n^2 sum_i K(|x_q(D_i) - x_i|) exp(-tau_q(D_i)) p(w_i . -w_q) Phi_i / |w_q . grad D|
 
 Bands are walked independently, so each has its own noise, which shows as blotches of color. Where the scene does not ask
-for a kernel, the shape of a pixel's spectrum is taken with a wider one than its luminance.
+for a kernel, the shape of a pixel's spectrum is taken with a wider one than its luminance; what it flattens is restored in
+each band.
 """
 
 from __future__ import annotations
@@ -15,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from skinrender.estimate.deposit import deposit, ray_weights
-from skinrender.estimate.guide import Flattened, guide_bytes, modulations
+from skinrender.estimate.guide import Flattened, Guides, guide_bytes, restore
 from skinrender.estimate.kernel_filter import SlabFilter
-from skinrender.estimate.radius import COLOR_STEPS, COLOR_WIDER, STEPS, gather_radius_mm, radius_levels
+from skinrender.estimate.radius import COLOR_WIDER, gather_radius_mm, in_pixels, radius_levels
 from skinrender.estimate.scatter_image import MOST_BATCHES, BandsLight, batches_of
 from skinrender.estimate.stream import Band, Stream
 
@@ -34,7 +35,7 @@ def beam_bytes(pixels: int, rays: int, slabs: int, bands: int, rounds: int, thre
 
 
 def estimate_beam(
-    stream: Stream, gather_count: int | None, bands: np.ndarray, guides: np.ndarray | None = None
+    stream: Stream, gather_count: int | None, bands: np.ndarray, guides: Guides | None = None
 ) -> BandsLight:
     """Beam estimate of the multiply scattered light.
 
@@ -42,13 +43,15 @@ def estimate_beam(
     ----------
     gather_count : photons that a beam should meet, on average; None: as wide as the tissue allows.
     bands : (n,) those to estimate.
-    guides : (K, h, w), see `guide`; None where there are none.
+    guides : see `guide`; None where there are none.
     """
     h, w = stream.shape
     kernels, unit = _choose_kernels(stream, gather_count), stream.power_unit
     batches = batches_of(stream.photon_map.rounds)
     radiance = np.zeros((h, w, len(bands)), np.float32)
     luminance = None if kernels.color is None else np.zeros((h, w, len(bands)))
+    restores_color = luminance is not None and guides is not None and guides.color
+    changes = guides.of_color(kernels.color) if restores_color else None
     noise = _Noise(np.zeros((len(batches), h * w)), np.zeros(len(batches)))
     noisy = None if guides is None else np.zeros((h, w, len(bands)))
     seen = 0
@@ -60,14 +63,17 @@ def estimate_beam(
         if luminance is not None:
             luminance[:, :, k] = stream.y_weight[band.index] * shown
             shown = unit * _shown(stream, kernels.color, image, factor)
-        radiance[:, :, k] = shown
         if noisy is not None:
-            noisy[:, :, k] = stream.y_weight[band.index] * unit * np.einsum("sj,sj->j", image, factor).reshape(h, w)
+            unfiltered = unit * np.einsum("sp,sp->p", image, factor).reshape(h, w)
+            noisy[:, :, k] = stream.y_weight[band.index] * unfiltered
+            if changes is not None:
+                shown *= restore(shown, unfiltered, changes).factor
+        radiance[:, :, k] = shown
     batch_y = (unit * _filtered(kernels.luminance, noise.y_image, (h, w))).astype(np.float32)
     flattened = None
     if guides is not None:
         of_batches = (unit * noise.y_image).astype(np.float32).reshape(batch_y.shape)
-        flattened = Flattened(noisy, of_batches, modulations(guides, kernels.luminance))
+        flattened = Flattened(noisy, of_batches, guides.of_luminance(kernels.luminance))
     return BandsLight(bands, radiance, luminance, batch_y, unit * noise.light, seen * kernels.pixels_met, flattened)
 
 
@@ -92,12 +98,11 @@ def _choose_kernels(stream: Stream, gather_count: int | None) -> _Kernels:
     entry = stream.pixel_mean(rays.entry.T)[:2].T
     inside = stream.pixel_mean(rays.hit.astype(np.float32)).reshape(h, w)
 
-    def slab_filter(widest_mm: float, steps: tuple[float, ...]) -> SlabFilter:
-        return SlabFilter(*radius_levels(volume, entry, (h, w), spacing, widest_mm, steps), inside, stream.covers_patch)
-
-    luminance = slab_filter(widest, STEPS)
-    one_kernel = gather_count is not None or stream.photon_map.bands == 1
-    color = None if one_kernel else slab_filter(COLOR_WIDER * widest, COLOR_STEPS)
+    luminance = SlabFilter(*radius_levels(volume, entry, (h, w), spacing, widest), inside, stream.covers_patch)
+    color = None
+    if gather_count is None and stream.photon_map.bands > 1:
+        radius = np.array([in_pixels(COLOR_WIDER * widest, spacing)])
+        color = SlabFilter(np.zeros((h, w), np.int32), radius, inside, stream.covers_patch)
     return _Kernels(luminance, color, float(np.mean(np.maximum(1.0, np.pi * luminance.radius**2))))
 
 

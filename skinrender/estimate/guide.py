@@ -10,6 +10,12 @@ L is multiplied by
 
 and the unfiltered picture N, noisy but not flattened, gives the few numbers beta_k by least squares over all pixels,
 sum m_j (N - L) = sum_k beta_k sum L m_j m_k. Noise alone moves no mean, as the right side is linear in the photons.
+
+The shape of the spectra has a kernel three times as wide, which flattens even whole lesions. Each band's picture gets an M
+of its own, from guides that tell more of a lesion: what it lets through, weakly and strongly (bands differ in what they see
+of it), blurred up to the kernel's width, and besides m_k also F(g_k), so that a lesion's mean is that of its photons. The
+relief's guides stay out: bands share its shading, and on a patch of 2 mm they took the noise of color from 1.2 to 2.6.
+
 Fitting known features to a noisy picture is first-order regression (Bitterli et al., "Nonlinearly Weighted First-order
 Regression for Denoising Monte Carlo Renderings", CGF 35(4), 2016), here with one fit for the picture.
 """
@@ -25,19 +31,50 @@ from scipy.ndimage import gaussian_filter
 
 BLURS_MM = (0.04, 0.08)
 """Standard deviations of the blurred guides; the widest kernel's is 0.14."""
+COLOR_BLURS_MM = (0.04, 0.08, 0.16, 0.32)
+"""The same for a lesion's in the shape of the spectra, whose kernel's is 0.42."""
+COLOR_POWERS = (0.5, 2.0)
+"""Powers of a lesion's transmittance that are guides of the shape of the spectra."""
 _LEAST = 1e-4
 """Eigenvalue, relative to the largest, from which a combination of guides counts as known."""
 _MOST = 0.9
 """Largest |M - 1|: light stays positive."""
 
 
-_MOST_GUIDES = 13
-"""Three of the height, five of the lamp's light, five of a lesion's."""
+_OF_RELIEF, _OF_LESION = 8, 5
+"""Most guides of the luminance: three of the height and five of the lamp's light; those of a lesion."""
+_OF_COLOR = len(COLOR_POWERS) * (len(COLOR_BLURS_MM) + 1)
 
 
 def guide_bytes(pixels: int) -> int:
-    """Most that guides, what the kernel takes from them, and their normal equations hold."""
-    return pixels * _MOST_GUIDES * (2 * 4 + 3 * 8)
+    """Most that guides, what the kernels take from them, and the normal equations of one picture hold."""
+    changes = max(_OF_RELIEF + _OF_LESION, _OF_COLOR + len(COLOR_POWERS))
+    guides = _OF_RELIEF + _OF_LESION + _OF_COLOR
+    return pixels * (4 * (guides + 2 * changes) + 3 * 8 * changes)
+
+
+class Guides(NamedTuple):
+    """Guides of a picture, (h, w) each.
+
+    Parameters
+    ----------
+    relief : of the height and of the lamp's light, for the luminance.
+    lesion : of what lesions let through, for the luminance.
+    color : powers of what lesions let through, each as it is and blurred, for the shape of the spectra.
+    """
+
+    relief: Sequence[np.ndarray]
+    lesion: Sequence[np.ndarray]
+    color: Sequence[Sequence[np.ndarray]]
+
+    def of_luminance(self, filtered: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """The m_k of the luminance, filtered by its kernel."""
+        return modulations([*self.relief, *self.lesion], filtered)
+
+    def of_color(self, filtered: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """The m_k of one band's picture, filtered by the kernel of the spectra's shape."""
+        flat = [filtered(light[0]) for light in self.color]
+        return np.array([*modulations([guide for light in self.color for guide in light], filtered), *flat])
 
 
 def patterns(lights: Sequence[np.ndarray], height: np.ndarray | None, spacing_mm: float, wrap: bool) -> np.ndarray:
@@ -60,6 +97,14 @@ def patterns(lights: Sequence[np.ndarray], height: np.ndarray | None, spacing_mm
     return np.array(found, np.float32)
 
 
+def color_patterns(lights: Sequence[np.ndarray], spacing_mm: float, wrap: bool) -> list[list[np.ndarray]]:
+    """Guides of the shape of the spectra, for each power of each light (h, w): as it is, and blurred."""
+    mode = "wrap" if wrap else "nearest"
+    powers = (light**power for light in lights for power in COLOR_POWERS)
+    scaled = [(light / light.mean()).astype(np.float32) for light in powers]
+    return [[light, *(gaussian_filter(light, blur / spacing_mm, mode=mode) for blur in COLOR_BLURS_MM)] for light in scaled]
+
+
 class Flattened(NamedTuple):
     """What it takes to undo what the kernel flattens.
 
@@ -75,7 +120,7 @@ class Flattened(NamedTuple):
     changes: np.ndarray
 
 
-def modulations(guides: np.ndarray, filtered: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+def modulations(guides: Sequence[np.ndarray], filtered: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
     """What the kernel takes from each guide, the m_k, (K, h, w)."""
     return np.array([guide - filtered(guide) for guide in guides])
 
@@ -87,18 +132,18 @@ class Restoration:
     Parameters
     ----------
     plain, factor : (h, w) filtered picture and M.
-    modes : (k, h w) combinations of the m_k that are known; inverse: (k,) of the normal equations, diagonal in them.
+    m : (K + 1, h w) a constant and the m_k, scaled alike; inverse: (K + 1, K + 1) of the normal equations.
     """
 
     plain: np.ndarray
     factor: np.ndarray
-    modes: np.ndarray
+    m: np.ndarray
     inverse: np.ndarray
 
     def batch(self, plain: np.ndarray, noisy: np.ndarray) -> np.ndarray:
         """Picture (h, w) of a batch whose photons would show `plain` and `noisy`: to first order, with its noise in beta."""
-        more = self.inverse * (self.modes @ (noisy - plain * self.factor).ravel())
-        return plain * self.factor + self.plain * (more @ self.modes).reshape(self.plain.shape)
+        more = self.inverse @ _along(self.m, (noisy - plain * self.factor).ravel())
+        return plain * self.factor + self.plain * _combined(more, self.m).reshape(self.plain.shape)
 
 
 def restore(plain: np.ndarray, noisy: np.ndarray, changes: np.ndarray) -> Restoration:
@@ -112,9 +157,19 @@ def restore(plain: np.ndarray, noisy: np.ndarray, changes: np.ndarray) -> Restor
     m = np.concatenate([np.ones((1, plain.size)), changes.reshape(len(changes), -1)])
     scale = np.sqrt((m * m).mean(axis=1))
     m = m[scale > 1e-9] / scale[scale > 1e-9, None]
-    value, vector = np.linalg.eigh((m * plain.ravel()) @ m.T)
+    value, vector = np.linalg.eigh(np.einsum("jp,kp->jk", m * plain.ravel(), m))
     known = value > _LEAST * value.max()
-    modes, inverse = vector[:, known].T @ m, 1.0 / value[known]
-    beta = inverse * (modes @ (noisy - plain).ravel())
-    factor = 1.0 + np.clip(beta @ modes, -_MOST, _MOST).reshape(plain.shape)
-    return Restoration(plain, factor, modes, inverse)
+    inverse = (vector[:, known] / value[known]) @ vector[:, known].T
+    beta = inverse @ _along(m, (noisy - plain).ravel())
+    factor = 1.0 + np.clip(_combined(beta, m), -_MOST, _MOST).reshape(plain.shape)
+    return Restoration(plain, factor, m, inverse)
+
+
+def _along(m: np.ndarray, picture: np.ndarray) -> np.ndarray:
+    """Sum over pixels of each m_k times a picture; by one thread, which is faster than BLAS's where others are busy."""
+    return np.einsum("kp,p->k", m, picture)
+
+
+def _combined(beta: np.ndarray, m: np.ndarray) -> np.ndarray:
+    """Sum over k of beta_k m_k."""
+    return np.einsum("k,kp->p", beta, m)

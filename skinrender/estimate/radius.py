@@ -20,16 +20,13 @@ WIDEST_MM = 0.4
 ALIKE = 0.03
 """Largest difference between the kernel's mean of the added vertical absorbance and its value at the ray."""
 COLOR_WIDER = 3.0
-"""Kernel of the spectra's shape over that of the luminance. At 1e7 photons on a forearm with a macule it lowers the noise of
-a pixel from 5.8 to 2.7 (CIEDE2000) and shifts the macule's mean a* and b* by 0.1 and 0.2."""
+"""Kernel of the spectra's shape over that of the luminance. Nothing bounds it: what it flattens is restored, see `guide`."""
 EPIDERMIS_MM = 0.15
 LIGHT_DEPTH_MM = 0.4
 """How far below the epidermis light goes that returns: 0.2 mm in the mean at 440 nm, 0.7 at 640 nm (`make lesion-table`)."""
 REFERENCE_NM = 450.0
 STEPS = (1.5, 2.2, 3.2, 4.6, 6.8, 10.0, 15.0, 22.0, 32.0)
 """Radii in pixels that a bounded kernel may take. Narrower ones, where a pattern is noisy, only add speckle."""
-COLOR_STEPS = STEPS[2:]
-"""The same for the shape of the spectra: speckle of color is seen more easily than a soft edge of color."""
 
 
 def gather_radius_mm(gather_count: int | None, photons: int, size_mm: tuple[float, float]) -> float:
@@ -88,13 +85,17 @@ def is_alike(absorbance: np.ndarray) -> bool:
     return bool(np.ptp(absorbance) <= ALIKE)
 
 
+def in_pixels(radius_mm: float, spacing_mm: float) -> float:
+    """A radius in pixels; the narrowest that a kernel may have at least."""
+    return max(STEPS[0], radius_mm / spacing_mm)
+
+
 def radius_levels(
     volume: SkinVolume,
     point: np.ndarray,
     shape: tuple[int, int],
     spacing_mm: float,
     widest_mm: float,
-    steps: tuple[float, ...] = STEPS,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Radius of every pixel: (h, w) index into radii in pixels, and those radii.
 
@@ -103,12 +104,11 @@ def radius_levels(
     point : (h w, 2) where the pixels' rays enter, mm.
     shape, spacing_mm : of the picture.
     widest_mm : the radius where nothing bounds it.
-    steps : radii in pixels where something does.
     """
-    widest = max(steps[0], widest_mm / spacing_mm)
+    widest = in_pixels(widest_mm, spacing_mm)
     if is_alike(lesion_absorbance(volume, max(EPIDERMIS_MM, widest_mm))):
         return np.zeros(shape, np.int32), np.array([widest])
-    radii = np.array([*(r for r in steps if r < widest), widest])
+    radii = np.array([*(r for r in STEPS if r < widest), widest])
     level = np.zeros(shape, np.int32)
     alike = np.ones(shape, bool)
     for k, radius in enumerate(radii[1:], start=1):

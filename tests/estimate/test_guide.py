@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from skinrender.estimate.guide import modulations, patterns, restore
+from skinrender.estimate.guide import Guides, color_patterns, modulations, patterns, restore
 from skinrender.estimate.surface import entering_light
 from skinrender.estimate.view_path import make_view_path
 from skinrender.film.camera import view_rays
@@ -92,6 +92,55 @@ def test_without_a_pattern_only_the_mean_is_kept():
     assert restore(flat + 1.0, flat + 1.5, changes).factor == pytest.approx(flat + 1.5)
     changes = modulations(patterns([waves()[0]], waves()[1], SPACING_MM, wrap=True), kernel)
     assert np.array_equal(restore(flat, flat, changes).factor, flat + 1.0)
+
+
+LESION_PIXELS, LESION_SPACING_MM = 100, 0.05
+
+
+def color_kernel(picture: np.ndarray) -> np.ndarray:
+    """A filter as wide as that of the spectra's shape."""
+    return gaussian_filter(picture, 0.42 / LESION_SPACING_MM, mode="wrap")
+
+
+def spots() -> np.ndarray:
+    """Absorbance of a lesion of uneven spots, one column a pixel."""
+    rng = np.random.default_rng(3)
+    x = (np.arange(LESION_PIXELS) + 0.5) * LESION_SPACING_MM
+    inside = (x[:, None] - 2.5) ** 2 + (x[None, :] - 2.5) ** 2 < 1.5**2
+    return np.where(inside, rng.uniform(0.2, 1.0, inside.shape), 0.0)
+
+
+def of_lesion(absorbance: np.ndarray) -> np.ndarray:
+    """What restores the color of a lesion on a flat surface."""
+    color = color_patterns([np.exp(-absorbance)], LESION_SPACING_MM, wrap=True)
+    return Guides([], [], color).of_color(color_kernel)
+
+
+@pytest.mark.parametrize("strength", [0.3, 0.7, 1.1])
+def test_color_of_a_lesion_is_restored_whatever_a_band_sees_of_it(strength):
+    absorbance = spots()
+    truth = gaussian_filter(np.exp(-strength * absorbance), 0.06 / LESION_SPACING_MM, mode="wrap")
+    flat = color_kernel(truth)
+    found = flat * restore(flat, truth, of_lesion(absorbance)).factor
+    off, inside = found / truth - 1.0, absorbance > 0.0
+    assert np.abs(flat / truth - 1.0).max() > 0.1
+    assert np.abs(off).max() < 0.06 and np.sqrt((off * off).mean()) < 0.01
+    assert found[inside].mean() == pytest.approx(truth[inside].mean(), rel=1e-3)
+
+
+def test_noise_moves_no_color():
+    absorbance = spots()
+    changes = of_lesion(absorbance)
+    rng, truth = np.random.default_rng(4), np.exp(-0.7 * absorbance)
+    exact = restore(color_kernel(truth), truth, changes).factor
+    factors = []
+    for _ in range(60):
+        noisy = rng.poisson(3.0 * truth) / 3.0
+        factors.append(restore(color_kernel(noisy), noisy, changes).factor)
+    error = np.std(factors, axis=0, ddof=1) / math.sqrt(len(factors))
+    z = (np.mean(factors, axis=0) - exact) / error
+    assert abs(z).max() < 5.5
+    assert error.max() < 0.01
 
 
 def test_light_that_enters_a_relief(tmp_path):

@@ -156,14 +156,15 @@ def test_gather_radius_holds_the_photons_wanted():
 
 
 @pytest.mark.slow
-def test_profile_across_a_hard_edge_is_that_of_the_reference(tmp_path):
-    """Macule of +0.15 melanosomes at 450 nm, pixels of 0.05 mm; the reference has no kernel but the pixel."""
+@pytest.mark.parametrize("bands_nm", [[450], [450, 650]], ids=["one band", "a spectrum"])
+def test_profile_across_a_hard_edge_is_that_of_the_reference(tmp_path, bands_nm):
+    """Macule of +0.15 melanosomes, pixels of 0.05 mm; the reference has no kernel but the pixel."""
     pattern = np.full((20, 160), 255, np.uint8)
     pattern[:, :80] = 0
     Image.fromarray(pattern).save(tmp_path / "edge.png")
     scene = make_scene(
         {
-            "patch": {"size_mm": SIZE, "columns": [160, 20]}, "bands_nm": [450],
+            "patch": {"size_mm": SIZE, "columns": [160, 20]}, "bands_nm": bands_nm,
             "skin": {"border_wave": {"peak_to_valley_um": 0}}, "relief": {"kind": "flat"},
             "lesions": [{"kind": "epidermal", "pattern": "edge.png", "melanin_scale": 0.15}],
             "light": {"kind": "collimated", "spectrum": "E"}, "camera": {"pixels": COLUMNS, "cross_polarized": True},
@@ -174,20 +175,20 @@ def test_profile_across_a_hard_edge_is_that_of_the_reference(tmp_path):
     found, expected = [], []
     for seed in range(1, 7):
         lit = Lit(scene, volume, make_map(volume, light, 100_000, seed=seed))
-        wide, _ = see(lit)
-        exact, _ = see(lit, "reference")
-        found.append(_from_edge(wide.y()))
-        expected.append(_from_edge(exact.y()))
+        pictures = [see(lit, method)[0].radiance for method in ("beam", "reference")]
+        for picture, profiles in zip(pictures, (found, expected)):
+            profiles.append([_from_edge(picture[:, :, band]) for band in range(len(bands_nm))])
     ratio = np.mean(found, axis=0) / np.mean(expected, axis=0)
     noise = np.std(np.array(found) - expected, axis=0, ddof=1) / np.sqrt(6) / np.mean(expected, axis=0)
-    assert expected[0][0] < 0.7 * expected[0][-1]
+    blue = expected[0][0]
+    assert blue[0] < 0.7 * blue[-1]
     assert noise.max() < 0.01
     assert abs(ratio - 1.0).max() < 0.03, np.round(100 * (ratio - 1.0), 2)
 
 
-def _from_edge(y: np.ndarray) -> np.ndarray:
+def _from_edge(picture: np.ndarray) -> np.ndarray:
     """Mean over rows and both edges, by pixels from the darkest to the lightest, half a period."""
-    x = y.mean(axis=0).reshape(COLUMNS[0], -1).mean(axis=1)
+    x = picture.mean(axis=0, dtype=float)
     middle = x[20:60]
     sides = np.roll(x, 40)[20:60][::-1]
     return 0.5 * (middle + sides)
