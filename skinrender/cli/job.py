@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -14,6 +15,9 @@ from skinrender.errors import InputError
 if TYPE_CHECKING:
     from skinrender.engine.clock import StageClock
     from skinrender.scene import Scene
+
+_NO_SUCH_NAME = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOENT)
+"""What the system says of folders that cannot be, whoever asks."""
 
 
 @dataclass(frozen=True)
@@ -99,5 +103,11 @@ def make_folder(path: Path) -> Path:
     except (FileExistsError, NotADirectoryError):
         raise InputError(
             "is not a folder", where=f"-o {path}", remedy="name a folder; it is made if there is none"
+        ) from None
+    except OSError as error:
+        if error.errno not in _NO_SUCH_NAME:
+            raise
+        raise InputError(
+            f"cannot be made: {error.strerror}", where=f"-o {path}", remedy="name another folder with -o"
         ) from None
     return path

@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from skinrender.cli.console import Console, Row
-from skinrender.cli.options import Count, on_scenes, reporting, with_workers
+from skinrender.cli.options import Count, Quantity, on_scenes, reporting, with_workers
 
 
 @click.command()
@@ -35,7 +35,7 @@ from skinrender.cli.options import Count, on_scenes, reporting, with_workers
     help="Photons of the reference picture.  [default: 4 times the largest count by beam, 20 times by reference]",
 )
 @click.option(
-    "--target-seconds", type=click.FloatRange(0, min_open=True),
+    "--target-seconds", type=Quantity(0, min_open=True),
     help="Start no run that would probably end later; small counts come first, and what is left out is told.",
 )
 @with_workers
