@@ -67,12 +67,9 @@ class Job:
 
     def write_page(self) -> None:
         """Write ``index.html``, which explains the folder."""
-        import shlex
-        import sys
-
         from skinrender.analysis.folder_page import write_folder_page
 
-        write_folder_page(self.page, self.scene, shlex.join(["skinrender", *sys.argv[1:]]))
+        write_folder_page(self.page, self.scene, command_line())
 
     def log_seconds(self, command: str, workers: int | None) -> None:
         """Add this job's seconds to its ``timing.csv``."""
@@ -94,6 +91,14 @@ def open_job(scene_path: Path, overrides: Iterable[str], output: Path | None, co
         scene = load_scene(scene_path, overrides)
     out = make_folder(output if output is not None else Path("out") / scene.name)
     return Job(scene, scene_path, out, console, clock, began)
+
+
+def command_line() -> str:
+    """The command as it was given; what is no text, in a file name of another encoding, becomes ``?``."""
+    import shlex
+    import sys
+
+    return shlex.join(["skinrender", *sys.argv[1:]]).encode("utf-8", "replace").decode()
 
 
 def make_folder(path: Path) -> Path:

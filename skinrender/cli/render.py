@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from skinrender.cli.console import Console, seconds_row
-from skinrender.cli.options import Quantity, as_overrides, estimating, on_cluster, on_scene, reporting, tracing, with_workers
+from skinrender.cli.options import (
+    Quantity,
+    as_overrides,
+    estimating,
+    on_cluster,
+    on_scene,
+    reporting,
+    tracing,
+    with_workers,
+)
 
 if TYPE_CHECKING:
     from skinrender.cli.job import Job

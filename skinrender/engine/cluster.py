@@ -80,7 +80,7 @@ def connect(address: str) -> Iterator[Cluster]:
     client = Client.__new__(Client)
     try:
         client.__init__(address, timeout=REACH_SECONDS, set_as_default=False, direct_to_workers=True)
-    except (OSError, ValueError, TypeError) as error:
+    except (OSError, ValueError, TypeError, MemoryError) as error:
         client.close()  # left to the garbage collector it may close while another takes the lock it needs: a deadlock
         raise InputError(
             f"{address} cannot be reached ({str(error) or type(error).__name__})", where=_OPTION,

@@ -49,7 +49,8 @@ def load_scene(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
             remedy="write 'key: value' lines; see the shipped scenes in configs/",
         )
     apply_overrides(source, overrides)
-    source.data.setdefault("name", path.stem)
+    # A file name of another encoding holds what is no text.
+    source.data.setdefault("name", path.stem.encode("utf-8", "replace").decode())
     return _checked(source, path.resolve().parent)
 
 
