@@ -22,7 +22,7 @@ ORDER = (
     {"transport", "scene"},
 )
 LEVEL = {package: level for level, packages in enumerate(ORDER) for package in packages}
-SHARED = {"atomic", "errors", "npz", "sources"}
+SHARED = {"atomic", "errors", "files", "npz", "sources"}
 OWNERS = {
     "click": {"cli"},
     "pydantic": {"scene"},

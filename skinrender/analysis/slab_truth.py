@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from skinrender.errors import InputError
+from skinrender.files import refuse_special
 
 LAYERED, FIELD, RADIAL = "layered-slab-truth/1", "slab-field-truth/1", "slab-radial-truth/1"
 SCHEMAS = (LAYERED, FIELD, RADIAL)
@@ -175,6 +176,7 @@ def read_truth(path: str | Path, only: str | None = None) -> TruthFile:
 
 
 def _load(path: Path) -> dict[str, Any]:
+    refuse_special(path)
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:

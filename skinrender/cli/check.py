@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from skinrender.cli.console import Console, Row, marked, seconds_row
-from skinrender.cli.options import reporting, with_workers
+from skinrender.cli.options import Quantity, reporting, with_workers
 from skinrender.errors import RunError
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 )
 @click.option("--only", metavar="PATTERN", help="Cases or records whose name begins so or matches, e.g. 'thin*'.")
 @click.option(
-    "--stderr", type=click.FloatRange(1e-5, 0.1), default=1e-3, show_default=True,
+    "--stderr", type=Quantity(1e-5, 0.1), default=1e-3, show_default=True,
     help="With --slabs: standard error wanted of fractions; that of scattering events is 20 times it, relative.",
 )
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help="Seed of the photons.")

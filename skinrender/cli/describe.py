@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from skinrender.errors import InputError
+from skinrender.files import refuse_special
 
 _KNOWN = "known are volume.npz, photons.npz, rounds, EXR pictures, tables (.csv), exported .nrrd and .tif"
 _BEGINNINGS = {
@@ -22,6 +23,7 @@ def describe(file: Path) -> dict[str, Any]:
     ------
     InputError : missing, damaged, or of none of the known kinds.
     """
+    refuse_special(file)
     try:
         with file.open("rb") as stream:
             kind = _BEGINNINGS.get(stream.read(4))

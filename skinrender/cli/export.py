@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from skinrender.cli.console import Console, Row, seconds_row
-from skinrender.cli.options import Count, on_scene, reporting
+from skinrender.cli.options import Count, Quantity, on_scene, reporting
 from skinrender.errors import InputError
 
 if TYPE_CHECKING:
@@ -25,14 +25,14 @@ PROGRAMS = ("mitsuba", "mcx", "nrrd", "tiff")
 @click.option(
     "--band",
     "bands_nm",
-    type=float,
+    type=Quantity(),
     multiple=True,
     metavar="NM",
     help="Wavelength of the band for mitsuba or mcx; may be repeated.  [default: the one nearest 550 nm]",
 )
 @click.option(
     "--voxel-um",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=Quantity(min=1e-3),
     help="Edge of the cubes for mcx.  [default: the finest voxel height, as far as 2e7 cubes go]",
 )
 @click.option(
@@ -175,7 +175,7 @@ def _tiff(job: Job, picture: Path | None) -> tuple[list[Path], list[str], dict[s
     extent = image_plane(camera, tuple(job.scene.patch.size_mm))[2]
     path = job.out / f"{picture.stem}.tif"
     with job.clock.stage("write"):
-        pages = write_tiff(picture, path, (extent[0] / camera.pixels[0], extent[1] / camera.pixels[1]))
+        pages = write_tiff(picture, path, camera.pixels, (extent[0] / camera.pixels[0], extent[1] / camera.pixels[1]))
     return [path], [], {"pages": pages}
 
 

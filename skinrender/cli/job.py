@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -14,6 +15,9 @@ from skinrender.errors import InputError
 if TYPE_CHECKING:
     from skinrender.engine.clock import StageClock
     from skinrender.scene import Scene
+
+_NO_SUCH_NAME = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOENT)
+"""What the system says of folders that cannot be, whoever asks."""
 
 
 @dataclass(frozen=True)
@@ -63,12 +67,9 @@ class Job:
 
     def write_page(self) -> None:
         """Write ``index.html``, which explains the folder."""
-        import shlex
-        import sys
-
         from skinrender.analysis.folder_page import write_folder_page
 
-        write_folder_page(self.page, self.scene, shlex.join(["skinrender", *sys.argv[1:]]))
+        write_folder_page(self.page, self.scene, command_line())
 
     def log_seconds(self, command: str, workers: int | None) -> None:
         """Add this job's seconds to its ``timing.csv``."""
@@ -92,6 +93,14 @@ def open_job(scene_path: Path, overrides: Iterable[str], output: Path | None, co
     return Job(scene, scene_path, out, console, clock, began)
 
 
+def command_line() -> str:
+    """The command as it was given; what is no text, in a file name of another encoding, becomes ``?``."""
+    import shlex
+    import sys
+
+    return shlex.join(["skinrender", *sys.argv[1:]]).encode("utf-8", "replace").decode()
+
+
 def make_folder(path: Path) -> Path:
     """The folder, made if need be."""
     try:
@@ -99,5 +108,11 @@ def make_folder(path: Path) -> Path:
     except (FileExistsError, NotADirectoryError):
         raise InputError(
             "is not a folder", where=f"-o {path}", remedy="name a folder; it is made if there is none"
+        ) from None
+    except OSError as error:
+        if error.errno not in _NO_SUCH_NAME:
+            raise
+        raise InputError(
+            f"cannot be made: {error.strerror}", where=f"-o {path}", remedy="name another folder with -o"
         ) from None
     return path

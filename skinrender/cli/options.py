@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -22,9 +23,24 @@ class Count(click.ParamType):
             number = float(value)
         except ValueError:
             self.fail(f"{value!r} is not a number", param, ctx)
-        if not (1 <= number < 1e14 and number.is_integer()):
+        if not (1 <= number <= 1e14 and number.is_integer()):
             self.fail(f"{value} is not a whole number from 1 to 1e14", param, ctx)
         return int(number)
+
+
+class Quantity(click.FloatRange):
+    """A finite number within bounds, which not a number always is for click."""
+
+    name = "number"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        try:
+            number = float(value)
+        except ValueError:
+            self.fail(f"{value!r} is not a number", param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number", param, ctx)
+        return super().convert(number, param, ctx)
 
 
 class Shard(click.ParamType):

@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from skinrender.cli.console import Console, seconds_row
-from skinrender.cli.options import as_overrides, estimating, on_cluster, on_scene, reporting, tracing, with_workers
+from skinrender.cli.options import (
+    Quantity,
+    as_overrides,
+    estimating,
+    on_cluster,
+    on_scene,
+    reporting,
+    tracing,
+    with_workers,
+)
 
 if TYPE_CHECKING:
     from skinrender.cli.job import Job
@@ -20,11 +29,11 @@ if TYPE_CHECKING:
 @tracing
 @estimating
 @click.option(
-    "--target-error", type=click.FloatRange(min=0, min_open=True, max=1), metavar="E",
+    "--target-error", type=Quantity(min=0, min_open=True, max=1), metavar="E",
     help="Go on until the noise of a pixel is at most E of its luminance, mean over the picture, e.g. 0.02.",
 )
 @click.option(
-    "--time", "seconds", type=click.FloatRange(min=0, min_open=True), metavar="S",
+    "--time", "seconds", type=Quantity(min=0, min_open=True), metavar="S",
     help="Make the best picture that is there within S seconds.",
 )
 @with_workers

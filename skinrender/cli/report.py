@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import shlex
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,7 +10,7 @@ from typing import Any
 import click
 
 from skinrender.cli.console import Console, Row
-from skinrender.cli.options import Count, on_scenes, reporting, with_workers
+from skinrender.cli.options import Count, Quantity, on_scenes, reporting, with_workers
 
 
 @click.command()
@@ -35,7 +33,7 @@ from skinrender.cli.options import Count, on_scenes, reporting, with_workers
     help="Photons of the reference picture.  [default: 4 times the largest count by beam, 20 times by reference]",
 )
 @click.option(
-    "--target-seconds", type=click.FloatRange(0, min_open=True),
+    "--target-seconds", type=Quantity(0, min_open=True),
     help="Start no run that would probably end later; small counts come first, and what is left out is told.",
 )
 @with_workers
@@ -66,7 +64,7 @@ def report(
     """
     from skinrender.analysis.error_study import Method, Study, make_subjects
     from skinrender.analysis.report import report as make_report
-    from skinrender.cli.job import make_folder
+    from skinrender.cli.job import command_line, make_folder
     from skinrender.scene import load_scene
 
     chosen = tuple(dict.fromkeys(Method.parse(text) for text in methods))
@@ -77,8 +75,7 @@ def report(
     )  # fmt: skip
     name = subjects[0].scene.name if len(subjects) == 1 else "report"
     out = make_folder(output if output is not None else Path("out") / name)
-    command = shlex.join(["skinrender", *sys.argv[1:]])
-    made = make_report(study, out, command=command, progress=console.progress, detail=console.detail)
+    made = make_report(study, out, command=command_line(), progress=console.progress, detail=console.detail)
     summary = made.as_json()
     for line in summary["left_out"]:
         console.warn(f"left out, as the time was used up: {line}")

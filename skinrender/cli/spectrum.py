@@ -10,13 +10,13 @@ from typing import Any
 import click
 
 from skinrender.cli.console import Console, Row, seconds_row, with_error
-from skinrender.cli.options import as_overrides, on_scene, reporting, with_workers
+from skinrender.cli.options import Quantity, as_overrides, on_scene, reporting, with_workers
 
 
 @click.command()
 @on_scene
 @click.option(
-    "--stderr", type=click.FloatRange(1e-5, 0.5), default=0.002, show_default=True,
+    "--stderr", type=Quantity(1e-5, 0.5), default=0.002, show_default=True,
     help="Relative standard error wanted of the reflectance, mean over the bands.",
 )
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the photons.  [default: the scene's]")

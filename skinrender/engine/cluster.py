@@ -7,6 +7,7 @@ and sends back what they show. A worker that dies costs what it had under way; t
 
 from __future__ import annotations
 
+import asyncio
 import logging
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
@@ -77,15 +78,17 @@ def connect(address: str) -> Iterator[Cluster]:
         ) from error
     for name in ("distributed", "distributed.client"):  # what it would log is told by the errors raised here
         logging.getLogger(name).setLevel(logging.CRITICAL)
+    with ThreadPoolExecutor(1) as thread:  # an event loop of its own, wherever this is called from
+        try:
+            thread.submit(asyncio.run, _greet(address)).result()
+        except (OSError, ValueError, TypeError) as error:
+            raise _unreachable(address, error) from error
     client = Client.__new__(Client)
     try:
         client.__init__(address, timeout=REACH_SECONDS, set_as_default=False, direct_to_workers=True)
     except (OSError, ValueError, TypeError) as error:
         client.close()  # left to the garbage collector it may close while another takes the lock it needs: a deadlock
-        raise InputError(
-            f"{address} cannot be reached ({str(error) or type(error).__name__})", where=_OPTION,
-            remedy="give the address that `dask scheduler` prints, such as tcp://10.0.0.5:8786",
-        ) from error  # fmt: skip
+        raise _unreachable(address, error) from error
     with client:
         threads = client.nthreads()
         if not threads:
@@ -95,6 +98,26 @@ def connect(address: str) -> Iterator[Cluster]:
         for worker, found in _identities(client).items():
             refuse_unlike(found, identity(), worker)
         yield Cluster(client, sum(threads.values()))
+
+
+async def _greet(address: str) -> None:
+    """Greet a scheduler; `Client` would wait for ever for the answer of another service that listens there."""
+    from distributed.comm import connect as open_comm
+
+    try:
+        comm = await asyncio.wait_for(open_comm(address, timeout=REACH_SECONDS), REACH_SECONDS + 1)
+    except TimeoutError as error:
+        raise OSError("what listens there does not answer") from error
+    except MemoryError as error:  # another protocol's words, read as a length
+        raise OSError("what answers there is no dask scheduler") from error
+    comm.abort()
+
+
+def _unreachable(address: str, error: BaseException) -> InputError:
+    return InputError(
+        f"{address} cannot be reached ({str(error) or type(error).__name__})", where=_OPTION,
+        remedy="give the address that `dask scheduler` prints, such as tcp://10.0.0.5:8786",
+    )  # fmt: skip
 
 
 @cache

@@ -59,7 +59,7 @@ def band_index(volume: SkinVolume, band_nm: float) -> int:
     InputError : the volume has no such band.
     """
     near = int(np.argmin(np.abs(volume.wavelength_nm - band_nm)))
-    if abs(volume.wavelength_nm[near] - band_nm) > 1e-3:
+    if not abs(volume.wavelength_nm[near] - band_nm) <= 1e-3:  # also where it is not a number
         known = ", ".join(f"{nm:g}" for nm in volume.wavelength_nm)
         raise InputError(
             f"the scene has no band at {band_nm:g} nm", where="--band",
@@ -125,8 +125,7 @@ def mean_coefficients(
     """
     ix, iy = columns
     shape = (len(ix), len(iy), len(z_cells_mm) - 1)
-    require_memory(20 * int(np.prod(shape)), "a grid of {} x {} x {} voxels".format(*shape), where="--voxel-um",
-                   remedy="use larger voxels, or fewer columns")  # fmt: skip
+    require_grid(shape)
     table = np.stack([
         volume.mu_a[:, band], volume.mu_s[:, band], volume.mu_s[:, band] * volume.g[:, band],
         (volume.palette_layer > 0).astype(float),
@@ -143,6 +142,14 @@ def mean_coefficients(
     tissue = means[3]
     filled = np.maximum(tissue, np.finfo(np.float32).tiny)
     return Coefficients(*(mean / filled for mean in means[:3]), tissue, np.asarray(spacing_mm, float))
+
+
+def require_grid(shape: Sequence[float]) -> None:
+    """Raise InputError where the coefficients of so many voxels are more than memory holds."""
+    require_memory(
+        20 * int(np.prod(shape, dtype=float)), "a grid of {:.4g} x {:.4g} x {:.4g} voxels".format(*shape),
+        where="--voxel-um", remedy="use larger voxels, or fewer columns",
+    )  # fmt: skip
 
 
 def _even_count(edges: np.ndarray) -> int:

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from skinrender.atomic import whole_file
-from skinrender.export.grid import band_index, mean_coefficients
+from skinrender.export.grid import band_index, mean_coefficients, require_grid
 from skinrender.export.media import Media, make_media
 from skinrender.photonmap.light import CollimatedLight, Light, PointLight
 from skinrender.skin.regions import Regions, regions_of
@@ -89,6 +89,7 @@ def cube_edge(volume: SkinVolume, wanted_mm: float | None = None) -> float:
             np.diff(volume.z_edges_mm).min(), volume.size_mm[0] / volume.shape[0], volume.size_mm[1] / volume.shape[1]
         )
         wanted_mm = max(float(finest), float(np.prod(lengths) / MOST_CUBES) ** (1 / 3))
+    require_grid(np.maximum(lengths / wanted_mm, 1.0))
     first = max(1, math.ceil(lengths[0] / wanted_mm * (1.0 - 1e-9)))
     counts = np.arange(first, max(first + 1, 4 * first if first < 50 else first + first // 8))
     cells = lengths[1:, None] / (lengths[0] / counts)

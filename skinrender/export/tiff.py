@@ -19,17 +19,18 @@ _MOST_BYTES = 4_000_000_000
 """ImageJ's variant of TIFF has 32-bit offsets."""
 
 
-def write_tiff(picture: Path, path: Path, pixel_mm: tuple[float, float]) -> int:
+def write_tiff(picture: Path, path: Path, pixels: tuple[int, int], pixel_mm: tuple[float, float]) -> int:
     """Write the radiance of a spectral EXR, W m^-2 sr^-1 in the band, as a stack of float32 pages; how many.
 
     Parameters
     ----------
     picture : an EXR of `film.exr`.
+    pixels : width and height of the picture in pixels, as its camera says.
     pixel_mm : width and height of a pixel in the plane through the camera's center.
 
     Raises
     ------
-    InputError : the picture has no spectrum, or is larger than ImageJ can read.
+    InputError : the picture has no spectrum, is of another camera, or is larger than ImageJ can read.
     RunError : the file cannot be written.
     """
     import tifffile
@@ -39,6 +40,12 @@ def write_tiff(picture: Path, path: Path, pixel_mm: tuple[float, float]) -> int:
         raise InputError(
             "it holds no spectrum, only RGB", where=str(picture), remedy="name a picture of `skinrender render`"
         )
+    height, width = image.radiance.shape[:2]
+    if (width, height) != tuple(pixels):
+        raise InputError(
+            f"the picture has {width} x {height} pixels, the scene's camera {pixels[0]} x {pixels[1]}", where=str(picture),
+            remedy=f"give the camera that made it, e.g. by --set camera.pixels=[{width},{height}]",
+        )  # fmt: skip
     if image.radiance.nbytes > _MOST_BYTES:
         raise InputError(f"{image.radiance.nbytes} bytes are more than ImageJ's TIFF holds", where=str(picture))
     stack = np.ascontiguousarray(np.moveaxis(image.radiance, 2, 0) * np.float32(MM2_PER_M2))

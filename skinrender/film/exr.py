@@ -20,6 +20,7 @@ import numpy as np
 
 from skinrender.atomic import whole_file
 from skinrender.errors import InputError, RunError
+from skinrender.files import refuse_special
 from skinrender.film.color import MM2_PER_M2, SRGB_CHROMATICITIES
 from skinrender.film.spectral_image import RgbImage, SpectralImage
 
@@ -185,14 +186,17 @@ def _header(path: Path) -> Mapping[str, Any]:
     """The header, checked against the size of the file before any pixel is allocated."""
     import OpenEXR
 
+    refuse_special(path)
     try:
         with path.open("rb") as file:
             magic = file.read(4)
         size = path.stat().st_size
     except OSError as error:
-        raise InputError(f"cannot read the picture: {error.strerror}", where=str(path)) from error
+        raise InputError(
+            f"cannot read the picture: {error.strerror}", where=str(path), remedy="name an EXR picture"
+        ) from error
     if magic != b"\x76\x2f\x31\x01":
-        raise InputError("this is not an OpenEXR file", where=str(path))
+        raise InputError("this is not an OpenEXR file", where=str(path), remedy="name an EXR picture")
     try:
         with OpenEXR.File(str(path), header_only=True) as file:
             header = dict(file.header())

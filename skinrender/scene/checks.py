@@ -131,6 +131,9 @@ def _missing_file(scene: Scene, path: tuple[str, ...], name: str) -> Found:
     # os.path, for pathlib raises on names that no file can have.
     if os.path.isfile(place):
         return
+    if os.path.exists(place):
+        yield Problem(path, f"got '{name}', which is a folder or a device, not a file; name an image or a table")
+        return
     near = [p.name for p in place.parent.glob("*")] if os.path.isdir(place.parent) else []
     text = f"got '{name}'; there is no such file in '{place.parent}'{did_you_mean(place.name, near)}"
     yield Problem(path, text + "; a path is relative to the scene file")

@@ -49,7 +49,8 @@ def load_scene(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
             remedy="write 'key: value' lines; see the shipped scenes in configs/",
         )
     apply_overrides(source, overrides)
-    source.data.setdefault("name", path.stem)
+    # A file name of another encoding holds what is no text.
+    source.data.setdefault("name", path.stem.encode("utf-8", "replace").decode())
     return _checked(source, path.resolve().parent)
 
 
@@ -78,7 +79,7 @@ def _checked(source: Source, source_dir: Path) -> Scene:
     except ValidationError as error:
         problems += validation_problems(error, data)
         wrong = frozenset(str(item["loc"][0]) for item in error.errors(include_url=False) if item["loc"])
-        kept = {key: value for key, value in data.items() if str(key) not in wrong}
+        kept = {key: value for key, value in data.items() if isinstance(key, str) and key not in wrong}
         stand_ins = {key: _STAND_INS[key] for key in wrong & _STAND_INS.keys()}
         scene = Scene.model_validate({**kept, **stand_ins}, context=context)
     problems += cross_problems(scene, wrong)

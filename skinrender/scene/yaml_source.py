@@ -15,7 +15,7 @@ from typing import ClassVar
 import yaml
 
 from skinrender.errors import InputError
-from skinrender.scene.problems import Mark, Problem
+from skinrender.scene.problems import Mark, Problem, told
 
 MAX_BYTES = 1_000_000
 MAX_DEPTH = 20
@@ -194,6 +194,10 @@ def _mapping(node: yaml.MappingNode, path: tuple[str, ...], source: Source, wher
             source.problems.append(Problem(path, "a key must be a plain word, not a list or mapping", mark))
             continue
         key = _scalar(key_node, path, source, mark)
+        if key is None or isinstance(key, bool):
+            text = f"the key '{key_node.value}' stands for {told(key)}; a key is a plain word, or a wavelength in a table"
+            source.problems.append(Problem(path, text, mark))
+            continue
         at = (*path, str(key))
         if key in data:
             text = f"this key stands here a second time (first at {source.marks[at]}); keep one of them"

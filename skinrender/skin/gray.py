@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from skinrender.errors import InputError
+from skinrender.files import refuse_special
 
 _DAMAGED = (OSError, SyntaxError, ValueError, EOFError, struct.error, zlib.error, LookupError, MemoryError)
 """What Pillow raises for a damaged image."""
@@ -37,6 +38,7 @@ def read_gray(
     from PIL import Image  # only scenes with a pattern or a height map need it
 
     path, names = Path(path), " or ".join(formats)
+    refuse_special(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # _check_size refuses it

@@ -18,6 +18,8 @@ from skinrender.skin.memory import require_memory
 from skinrender.skin.spline import control_points
 
 MAX_MAP_VALUES = 1 << 26
+MAX_RANGE_UM = 2e4
+"""As that of images, -1e4 to 1e4."""
 _BYTES_PER_SAMPLE = 160
 """Peak of what drawing a relief holds: about twenty arrays of float64."""
 FLAT_MM = 1e-9
@@ -146,7 +148,14 @@ def _read_heights_um(scene: Scene) -> np.ndarray:
     heights = _read_npy(path)
     if not np.all(np.isfinite(heights)):
         raise InputError("the height map holds NaN or Inf", where=str(path), remedy="Fill the gaps of the measurement.")
-    return scene.relief.um_per_unit * heights.T
+    with np.errstate(over="ignore"):
+        heights_um = scene.relief.um_per_unit * (heights.T - heights.min())
+    if heights_um.max() > MAX_RANGE_UM:
+        raise InputError(
+            f"its heights span {heights_um.max():.3g} um, more than {MAX_RANGE_UM:g}", where=str(path),
+            remedy="Use a smaller um_per_unit, or remove outliers.",
+        )  # fmt: skip
+    return heights_um
 
 
 def _read_npy(path: Path) -> np.ndarray:

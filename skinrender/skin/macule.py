@@ -79,8 +79,7 @@ def darken_dermis(
         raise InputError(
             f"center_layer {center_layer} lies outside the dermis",
             where="lesions",
-            remedy=f"Use {bottom + 1 - dermis[-1]} to {bottom + 1 - dermis[0]}; 1 is the lowest voxel layer of the "
-            "reticular layer.",
+            remedy=f"Use 1 to {bottom + 1 - dermis[0]}; 1 is the lowest voxel layer of the reticular layer.",
         )
     largest = float(p.max(initial=0.0))
     if largest <= 0:

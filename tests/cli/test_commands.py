@@ -72,6 +72,17 @@ def test_bad_option_values_are_2_and_told(slab, option, value, told):
     assert told in result.stderr
 
 
+@pytest.mark.parametrize("value", ["nan", "inf"])
+@pytest.mark.parametrize(("command", "option"), [
+    ("render", "--time"), ("render", "--target-error"), ("report", "--target-seconds"), ("spectrum", "--stderr"),
+    ("export", "--voxel-um"),
+])  # fmt: skip
+def test_numbers_that_are_not_finite_are_2(slab, command, option, value):
+    result = call(command, slab, option, value)
+    assert result.exit_code == 2
+    assert f"{value} is not a finite number" in result.stderr
+
+
 def test_mistakes_in_a_scene_are_2_with_file_line_and_column(slab, tmp_path):
     slab.write_text(slab.read_text().replace("light:", "ligth:"))
     result = call("build", slab, "-o", tmp_path / "out", "--json")
@@ -99,6 +110,12 @@ def test_output_that_is_a_file_is_2(slab):
     result = call("build", slab, "-o", slab)
     assert result.exit_code == 2
     assert "is not a folder" in result.stderr
+
+
+def test_output_of_an_impossible_name_is_2(slab, tmp_path):
+    result = call("build", slab, "-o", tmp_path / ("x" * 300))
+    assert result.exit_code == 2
+    assert "cannot be made: File name too long" in result.stderr
 
 
 def test_default_folder_is_named_by_the_scene(slab, tmp_path, monkeypatch):

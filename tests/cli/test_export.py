@@ -31,6 +31,8 @@ def test_writes_the_picture_as_tiff(rendered, smoke_scene):
     ((), "--to"),
     (("--to", "tiff"), "there is no picture yet"),
     (("--to", "mcx", "--band", "600"), "no band at 600 nm"),
+    (("--to", "mcx", "--band", "nan"), "nan is not a finite number"),
+    (("--to", "mcx", "--voxel-um", "0.001"), "a grid of 1e+06 x 1e+06 x 1e+06 voxels takes"),
     (("--to", "nrrd", "--band", "550"), "--band is not for nrrd"),
     (("--to", "mitsuba", "--voxel-um", "5"), "it is for --to mcx"),
     (("--to", "mitsuba"), "cannot find parallel light"),

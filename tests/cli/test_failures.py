@@ -68,6 +68,28 @@ def test_a_fault_of_the_program_stays_visible():
     assert isinstance(result_of(ZeroDivisionError()).exception, ZeroDivisionError)
 
 
+@pytest.mark.parametrize("arguments", [
+    ("info", "pipe"), ("compare", "pipe", "pipe"), ("check", "--slabs", "pipe"), ("check", "--slabs", "/dev/zero"),
+    ("info", "/dev/zero"),
+])  # fmt: skip
+def test_what_may_never_end_is_not_opened(tmp_path, monkeypatch, arguments):
+    os.mkfifo(tmp_path / "pipe")
+    monkeypatch.chdir(tmp_path)
+    result = call(*arguments)
+    assert result.exit_code == 2
+    assert "is not a regular file" in result.stderr
+
+
+def test_a_scene_whose_name_is_no_text_is_rendered(slab, tmp_path, monkeypatch):
+    """A file name of another encoding: it stands as ``?`` in what is written."""
+    path = tmp_path / "bad\udcff.yaml"
+    path.write_bytes(slab.read_bytes())
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["skinrender", "render", str(path)])
+    assert call("render", path).exit_code == 0
+    assert "bad?.yaml" in (tmp_path / "out" / "bad?" / "index.html").read_text(encoding="utf-8")
+
+
 def test_a_reader_that_leaves_is_no_fault(repository):
     reader, writer = os.pipe()
     os.close(reader)

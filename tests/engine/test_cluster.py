@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -60,6 +61,26 @@ def test_an_address_that_answers_nothing_is_refused_in_time(monkeypatch):
     with pytest.raises(InputError, match="127.0.0.1:9 cannot be reached"), connect("tcp://127.0.0.1:9"):
         pass
     assert time.monotonic() - began < 5
+
+
+@pytest.mark.parametrize(("says", "told"), [
+    (b"", "what listens there does not answer"), (b"HTTP/1.1 400 Bad Request\r\n\r\n", "no dask scheduler"),
+])  # fmt: skip
+def test_another_service_is_refused_in_time(monkeypatch, says, told):
+    """One that keeps silent, and one of another protocol."""
+    monkeypatch.setattr(cluster_module, "REACH_SECONDS", 0.5)
+    with socket.create_server(("127.0.0.1", 0)) as server, ThreadPoolExecutor(1) as service:
+        accepted = service.submit(_accept, server, says)
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        with pytest.raises(InputError, match=told), connect(address):
+            pass
+        accepted.result().close()
+
+
+def _accept(server, says):
+    connection = server.accept()[0]
+    connection.sendall(says)
+    return connection
 
 
 @pytest.mark.parametrize("address", ["nowhere", "carrier-pigeon://1.2.3.4:5", ""])

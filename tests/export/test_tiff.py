@@ -25,7 +25,7 @@ def picture(tmp_path):
 
 def test_pages_labels_and_pixel_size(picture, tmp_path):
     path, radiance = picture
-    assert write_tiff(path, tmp_path / "beam.tif", (0.1, 0.2)) == 3
+    assert write_tiff(path, tmp_path / "beam.tif", (6, 4), (0.1, 0.2)) == 3
     with tifffile.TiffFile(tmp_path / "beam.tif") as file:
         assert file.is_imagej
         assert file.imagej_metadata["Labels"] == ["450 nm", "550 nm", "650 nm"]
@@ -37,6 +37,13 @@ def test_pages_labels_and_pixel_size(picture, tmp_path):
     assert stack == pytest.approx(1e6 * np.moveaxis(radiance, 2, 0), rel=1e-5)
 
 
+def test_picture_of_another_camera_is_refused(picture, tmp_path):
+    """The pixels' size would be wrong."""
+    with pytest.raises(InputError, match="6 x 4 pixels, the scene's camera 4 x 6"):
+        write_tiff(picture[0], tmp_path / "beam.tif", (4, 6), (0.1, 0.2))
+    assert not (tmp_path / "beam.tif").exists()
+
+
 def test_picture_without_spectrum_is_refused(tmp_path):
     import OpenEXR
 
@@ -45,5 +52,5 @@ def test_picture_without_spectrum_is_refused(tmp_path):
     with OpenEXR.File({}, {name: pixels for name in "RGB"}) as file:
         file.write(str(path))
     with pytest.raises(InputError, match="no spectrum"):
-        write_tiff(path, tmp_path / "plain.tif", (1.0, 1.0))
+        write_tiff(path, tmp_path / "plain.tif", (2, 2), (1.0, 1.0))
     assert not (tmp_path / "plain.tif").exists()

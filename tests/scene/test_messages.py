@@ -366,6 +366,24 @@ def test_a_missing_file_is_told_with_its_neighbor(write_scene, scene_text, tmp_p
     ]
 
 
+def test_a_folder_is_no_pattern(write_scene, scene_text, tmp_path):
+    (tmp_path / "macule.png").mkdir()
+    [line] = mistakes(write_scene(scene_text + "lesions:\n  - {kind: epidermal, pattern: macule.png}\n"))
+    assert "'macule.png', which is a folder or a device" in line
+
+
+@pytest.mark.parametrize(("key", "meaning"), [("true", "true"), ("null", "nothing"), ("~", "nothing")])
+def test_keys_that_are_no_words_are_told(write_scene, scene_text, key, meaning):
+    [line] = mistakes(write_scene(scene_text + f"{key}: 1\n"))
+    assert line.startswith(f"scene.yaml:7:1: the key '{key}' stands for {meaning}; ")
+
+
+@pytest.mark.parametrize("key", [True, None, 1, 1.5])
+def test_keys_of_plain_data_that_are_no_words_are_told(key):
+    with pytest.raises(InputError, match="unknown key"):
+        make_scene({"patch": {"size_mm": [1, 1], "columns": [1, 1]}, "skin": {}, key: 1})
+
+
 def test_all_mistakes_are_told_at_once_in_the_order_of_the_file(write_scene, scene_text):
     text = scene_text.replace("forearm", "arm").replace("point", "pont")
     path = write_scene(

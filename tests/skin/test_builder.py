@@ -135,7 +135,10 @@ def test_height_map_is_seen_from_above(tmp_path):
     assert 0.70 <= (ix + 0.5) / 80 <= 0.85 and 0.2 <= (iy + 0.5) / 80 <= 0.4 and -0.06 < surface.min() < -0.045
 
 
-@pytest.mark.parametrize("array", [np.zeros(4), np.full((3, 3), np.nan), np.array([[{}]], object), np.zeros((0, 3))])
+@pytest.mark.parametrize("array", [
+    np.zeros(4), np.full((3, 3), np.nan), np.array([[{}]], object), np.zeros((0, 3)), np.array([[1e308, -1e308]] * 2),
+    np.array([[0.0, 2.1e4]]),
+])  # fmt: skip
 def test_bad_height_maps(tmp_path, array):
     np.save(tmp_path / "map.npy", array)
     with pytest.raises(InputError, match=r"map\.npy"):

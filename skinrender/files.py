@@ -1,0 +1,25 @@
+"""Files that a user names, before they are opened."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+from skinrender.errors import InputError
+
+
+def refuse_special(path: str | Path) -> None:
+    """Raise InputError for what is no plain file, as reading it may never end: pipes, devices; and for impossible names.
+
+    Missing files and folders pass: opening them fails at once, and the opener has more to say of them.
+    """
+    try:
+        mode = os.stat(path).st_mode
+    except FileNotFoundError:
+        return
+    except (OSError, ValueError) as error:
+        told = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"cannot be read: {told}", where=str(path), remedy="name a file that can be read") from error
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        raise InputError("is not a regular file", where=str(path), remedy="name a file; save what comes by a pipe first")
