@@ -235,6 +235,7 @@ def test_counts_alone_travel_back_too():
     assert kept.index == 0 and kept.stored == 0
 
 
+@pytest.mark.kills
 @pytest.mark.slow
 def test_a_cluster_makes_the_same_picture_through_a_workers_death(local_cluster, tmp_path, monkeypatch):
     skin = {
