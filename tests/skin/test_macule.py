@@ -76,7 +76,7 @@ def test_dermal_center_0_is_the_layer_below_the_reticular():
 
 @pytest.mark.parametrize("center", [-1, 9])
 def test_dermal_center_outside_the_dermis(center):
-    with pytest.raises(InputError, match="Use 0 to 8"):
+    with pytest.raises(InputError, match="Use 1 to 8"):
         _dermal([0.5], center=center, half=1)
 
 

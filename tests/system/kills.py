@@ -222,7 +222,7 @@ def live(stage: Stage, out: Path, chance: random.Random, tally: Tally, wanted: i
         spared = tally.tries >= wanted or chance.random() < SPARED
         process = start("trace", stage, out, "--resume", "-q", "--workers", str(workers))
         of_worker = workers > 1 and tally.tries % 2
-        moment = "walking" if of_worker else chance.choice(MOMENTS)
+        moment = "walking" if of_worker else MOMENTS[tally.tries % len(MOMENTS)]
         if not spared and wait_for_moment(moment, process, out, chance):
             victims = workers_of(process.pid) if of_worker else [process.pid]
             if victims:  # a run whose rounds are all there needs no workers
