@@ -10,7 +10,7 @@ import numpy as np
 from skinrender.errors import InputError
 from skinrender.optics import chromophores
 
-_FRACTIONS = ("melanosome", "blood", "saturation", "water", "fat", "rayleigh_fraction")
+_FRACTIONS = ("melanosome", "pheomelanin", "blood", "saturation", "water", "fat", "rayleigh_fraction")
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class Tissue:
 
     Parameters
     ----------
-    melanosome : fraction of melanosomes.
+    melanosome, pheomelanin : fraction of melanosomes, and the share of them that holds pheomelanin.
     blood, saturation, vessel_radius_um : fraction of whole blood, its oxygen saturation, radius of its vessels
         (0 = blood spread evenly).
     water, fat : fractions of the rest.
@@ -34,6 +34,7 @@ class Tissue:
     """
 
     melanosome: float = 0.0
+    pheomelanin: float = 0.0
     blood: float = 0.0
     saturation: float = 0.0
     vessel_radius_um: float = 0.0
@@ -102,7 +103,8 @@ def absorption(tissue: Tissue, wavelength_nm: np.ndarray, melanosome: np.ndarray
         dissolved += chromophores.carotene(wavelength_nm, tissue.carotene_g_per_l)
     if tissue.bilirubin_g_per_l:
         dissolved += chromophores.bilirubin(wavelength_nm, tissue.bilirubin_g_per_l)
-    return melanin * chromophores.melanosome(wavelength_nm) + (1.0 - melanin) * unpigmented + dissolved
+    pigment = chromophores.melanosome(wavelength_nm, tissue.pheomelanin)
+    return melanin * pigment + (1.0 - melanin) * unpigmented + dissolved
 
 
 def reduced_scattering(tissue: Tissue, wavelength_nm: np.ndarray) -> np.ndarray:

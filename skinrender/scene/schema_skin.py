@@ -143,6 +143,11 @@ class Skin(Part):
         description="class of individual typology angle: changes the preset's melanin and blood; left out = the "
         "Japanese mean of the site",
     )
+    pheomelanin: Fraction | None = Field(
+        None,
+        description="share of the melanosomes, a lesion's too, that holds pheomelanin, which absorbs as nm^-4.75, and not "
+        "eumelanin (nm^-3.33); left out = the tone's, without a tone 0",
+    )
     layers: dict[LayerName, LayerOverride] = Field(
         default_factory=dict,
         description="changes to the preset, by layer name",

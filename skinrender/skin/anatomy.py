@@ -29,6 +29,31 @@ _TABLE_NAMES = {
 }
 
 
+@dataclass(frozen=True)
+class Tone:
+    """What a tone of skin changes in the layers of a site.
+
+    Parameters
+    ----------
+    melanin : by name of an epidermal layer, factor on its melanosomes.
+    blood : factor on the blood of all layers.
+    pheomelanin : share of the melanosomes that holds pheomelanin, in all layers; lesions' too.
+    """
+
+    melanin: Mapping[str, float]
+    blood: float
+    pheomelanin: float
+
+    def on(self, tissue: Tissue, layer: str) -> Tissue:
+        """The tissue of a layer in this tone; fractions end at 1."""
+        return replace(
+            tissue,
+            melanosome=min(1.0, tissue.melanosome * self.melanin.get(layer, 1.0)),
+            blood=min(1.0, tissue.blood * self.blood),
+            pheomelanin=self.pheomelanin,
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class LayerOptics:
     """Coefficients of one layer for P melanin contents: mu_a, mu_s, g (P, B), 1/mm; refractive_index (B,)."""
@@ -72,7 +97,7 @@ class LayerSpec:
         mu_a, g = own.mu_a, given.get("g", own.g)
         if "mu_a_per_mm" in given:
             added = np.asarray(melanin, float)[:, None] - self.tissue.melanosome
-            mu_a = given["mu_a_per_mm"] + added * chromophores.melanosome(wavelength_nm)
+            mu_a = given["mu_a_per_mm"] + added * chromophores.melanosome(wavelength_nm, self.tissue.pheomelanin)
         mu_s = given.get("mu_s_per_mm", own.mu_s * (1 - own.g) / (1 - g))
         shape = mu_a.shape
         n = given.get("refractive_index", own.refractive_index)
@@ -95,12 +120,15 @@ def site_layers(site: str) -> tuple[LayerSpec, ...]:
     return tuple(_site_layer(row) for row in rows)
 
 
-def skin_layers(site: str, overrides: Mapping[str, object], tone: str | None = None) -> tuple[LayerSpec, ...]:
+def skin_layers(
+    site: str, overrides: Mapping[str, object], tone: str | None = None, pheomelanin: float | None = None
+) -> tuple[LayerSpec, ...]:
     """The layers of a site in a tone of skin, with a scene's overrides.
 
     Parameters
     ----------
     tone : see `toned`; None leaves the site's melanin and blood.
+    pheomelanin : share of the melanosomes in place of the tone's, or of the sites' 0.
     overrides : layer name -> object with the attributes thickness_um, voxel_layers, those of the composition and of
         ``EXPLICIT``, each None where the site's own value stays.
     """
@@ -108,24 +136,25 @@ def skin_layers(site: str, overrides: Mapping[str, object], tone: str | None = N
     if unknown:
         raise InputError(f"there is no layer {min(unknown)!r}", remedy=f"Layers: {', '.join(LAYER_NAMES)}.")
     layers = site_layers(site) if tone is None else toned(site_layers(site), tone)
+    if pheomelanin is not None:
+        layers = tuple(replace(layer, tissue=replace(layer.tissue, pheomelanin=pheomelanin)) for layer in layers)
     return tuple(_overridden(layer, overrides[layer.name]) if layer.name in overrides else layer for layer in layers)
 
 
 def toned(layers: Sequence[LayerSpec], tone: str) -> tuple[LayerSpec, ...]:
-    """Layers with the melanin and blood of a tone (optics/data/skin_tones.csv): factors on the layers' own."""
-    rows = [row for row in read_rows("skin_tones.csv") if row["tone"] == tone]
-    if not rows:
+    """Layers with the melanin and blood of a tone (optics/data/skin_tones.csv)."""
+    known = tones()
+    if tone not in known:
         raise InputError(f"no tone {tone!r} is known", where="skin.tone")
-    basal, upper, blood = (float(rows[0][name]) for name in ("melanin_basal", "melanin_upper", "blood"))
-    return tuple(
-        replace(layer, tissue=multiplied(layer.tissue, basal if layer.name == "basal" else upper, blood))
-        for layer in layers
-    )
+    return tuple(replace(layer, tissue=known[tone].on(layer.tissue, layer.name)) for layer in layers)
 
 
-def multiplied(tissue: Tissue, melanin: float, blood: float) -> Tissue:
-    """A tissue with its melanosomes and its blood multiplied, at most to 1."""
-    return replace(tissue, melanosome=min(1.0, tissue.melanosome * melanin), blood=min(1.0, tissue.blood * blood))
+def tones() -> dict[str, Tone]:
+    """The tones by name."""
+    return {
+        row["tone"]: Tone({layer: float(row[layer]) for layer in EPIDERMIS}, float(row["blood"]), float(row["pheomelanin"]))
+        for row in read_rows("skin_tones.csv")
+    }
 
 
 def slab_layers(described: Sequence[object]) -> tuple[LayerSpec, ...]:

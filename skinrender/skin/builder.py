@@ -75,7 +75,7 @@ def scene_layers(scene: Scene) -> tuple[LayerSpec, ...]:
     """The layers of a scene, top to bottom."""
     if scene.slab is not None:
         return slab_layers(scene.slab.layers)
-    return skin_layers(scene.skin.site, scene.skin.layers, scene.skin.tone)
+    return skin_layers(scene.skin.site, scene.skin.layers, scene.skin.tone, scene.skin.pheomelanin)
 
 
 def scene_inks(scene: Scene) -> tuple[str, ...]:
