@@ -26,8 +26,8 @@ def melanosome(wavelength_nm: np.ndarray, pheomelanin: float = 0.0) -> np.ndarra
     H. W. Jensen, A spectral BSSRDF for shading human skin, Eurographics Symposium on Rendering (2006).
     """
     nm = np.asarray(wavelength_nm, dtype=float)
-    eumelanin, pheo = 6.6e11 / _MM_PER_CM * nm**-3.33, 2.9e15 / _MM_PER_CM * nm**-4.75
-    return (1.0 - pheomelanin) * eumelanin + pheomelanin * pheo
+    eu, pheo = 6.6e11 / _MM_PER_CM * nm**-3.33, 2.9e15 / _MM_PER_CM * nm**-4.75
+    return (1.0 - pheomelanin) * eu + pheomelanin * pheo
 
 
 def blood(wavelength_nm: np.ndarray, saturation: float) -> np.ndarray:

@@ -12,6 +12,13 @@ def test_melanosome_at_the_published_points():
     assert np.allclose(10 * chromophores.melanosome(nm), [1694, 679, 370, 154], rtol=4e-3)
 
 
+def test_pheomelanin_is_steeper_and_blends():
+    nm = np.array([380.0, 500.0, 600.0, 780.0])
+    pheomelanin = chromophores.melanosome(nm, 1.0)
+    assert np.allclose(10 * pheomelanin, [1616, 439, 185, 53], rtol=6e-3)
+    assert np.allclose(chromophores.melanosome(nm, 0.3), 0.7 * chromophores.melanosome(nm) + 0.3 * pheomelanin)
+
+
 def test_baseline_at_the_published_points():
     nm = np.array([380.0, 500.0, 600.0, 780.0])
     assert np.allclose(10 * chromophores.baseline(nm), [3.05, 0.702, 0.345, 0.251], rtol=3e-3)

@@ -84,7 +84,9 @@ def test_many_melanosome_fractions_at_once_equal_one_by_one():
 
 
 def test_pure_substances_are_corners_of_the_mixture():
-    assert np.allclose(absorption(Tissue(melanosome=1), BANDS), chromophores.melanosome(BANDS))
+    for share in (0.0, 0.4):
+        pigment = Tissue(melanosome=1, pheomelanin=share)
+        assert np.allclose(absorption(pigment, BANDS), chromophores.melanosome(BANDS, share))
     assert np.allclose(absorption(Tissue(blood=1, saturation=0.3), BANDS), chromophores.blood(BANDS, 0.3))
     assert np.allclose(absorption(Tissue(water=1), BANDS), chromophores.water(BANDS))
     assert np.allclose(absorption(Tissue(fat=1), BANDS), chromophores.fat(BANDS))

@@ -17,11 +17,12 @@ from skinrender.skin.anatomy import (
     EPIDERMIS,
     LAYER_NAMES,
     LayerSpec,
-    multiplied,
+    Tone,
     site_layers,
     skin_layers,
     slab_layers,
     toned,
+    tones,
 )
 from skinrender.skin.builder import scene_layers
 
@@ -95,9 +96,22 @@ def test_darker_tones_hold_more_melanin_and_most_of_it_below():
 @pytest.mark.parametrize("tone", TONES)
 def test_a_tone_changes_melanin_and_blood_alone(tone):
     for plain, toned_layer in zip(site_layers("forearm"), _toned(tone).values()):
-        own = replace(toned_layer.tissue, melanosome=plain.tissue.melanosome, blood=plain.tissue.blood)
-        assert (own, toned_layer.thickness_mm) == (plain.tissue, plain.thickness_mm)
+        kept = {name: getattr(plain.tissue, name) for name in ("melanosome", "pheomelanin", "blood")}
+        assert (replace(toned_layer.tissue, **kept), toned_layer.thickness_mm) == (plain.tissue, plain.thickness_mm)
         assert (toned_layer.tissue.blood > plain.tissue.blood) == (plain.tissue.blood > 0)
+
+
+def test_tones_share_blood_and_the_kind_of_melanin():
+    assert tuple(tones()) == TONES
+    assert len({(tone.blood, tone.pheomelanin) for tone in tones().values()}) == 1
+
+
+def test_dry_substance_keeps_its_melanosomes_up_to_the_surface():
+    for tone in TONES:
+        per_dry = [
+            (layer := _toned(tone)[name]).tissue.melanosome / (1.0 - layer.tissue.water) for name in EPIDERMIS[:2]
+        ]
+        assert per_dry[0] == pytest.approx(per_dry[1], rel=0.01)
 
 
 def test_a_scene_has_a_tone_and_its_layers_win_over_it():
@@ -108,8 +122,22 @@ def test_a_scene_has_a_tone_and_its_layers_win_over_it():
     assert layers["granular_spinous"].tissue.melanosome == _toned("brown")["granular_spinous"].tissue.melanosome
 
 
+def test_a_scene_says_what_melanin_it_has_and_lesions_have_it_too():
+    def basal_mu_a(melanin, **skin):
+        scene = {"patch": {"size_mm": [1, 1], "columns": [4, 4]}, "bands_nm": [450, 600], "skin": skin}
+        return scene_layers(make_scene(scene))[2].optics(NM, np.array([melanin])).mu_a[0]
+
+    law = chromophores.melanosome
+    for skin, share in (({}, 0.0), ({"pheomelanin": 1}, 1.0), ({"tone": "tan"}, tones()["tan"].pheomelanin)):
+        assert np.allclose(basal_mu_a(1.0, **skin), law(NM, share))
+        explicit = {"layers": {"basal": {"mu_a_per_mm": 1, "melanosome": 0.1}}}
+        assert np.allclose(basal_mu_a(0.3, **skin, **explicit), 1 + 0.2 * law(NM, share))
+    assert np.allclose(basal_mu_a(1.0, tone="tan", pheomelanin=0), law(NM))
+
+
 def test_fractions_end_at_one():
-    assert multiplied(Tissue(melanosome=0.6, blood=0.4), 2.0, 2.0) == Tissue(melanosome=1.0, blood=0.8)
+    tone = Tone({"basal": 2.0}, blood=2.0, pheomelanin=0.5)
+    assert tone.on(Tissue(melanosome=0.6, blood=0.4), "basal") == Tissue(melanosome=1.0, blood=0.8, pheomelanin=0.5)
 
 
 def test_an_unknown_tone_is_refused():
