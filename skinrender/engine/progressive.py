@@ -24,6 +24,7 @@ from skinrender.engine.interrupt import Interrupt, listen
 from skinrender.engine.recipe import Recipe
 from skinrender.engine.run import Run, plan_run
 from skinrender.engine.summary import TraceSummary
+from skinrender.engine.work import photon_pass
 from skinrender.errors import InputError
 from skinrender.estimate.scatter_image import pooled
 from skinrender.film.spectral_image import SpectralImage
@@ -161,7 +162,7 @@ class _Walker:
     """Walks rounds on threads; the kernels release the interpreter lock."""
 
     def __init__(self, run: Run, threads: int, progress: bool):
-        self.photon_pass = run.recipe.build(run.seed)
+        self.photon_pass = photon_pass(run.recipe, run.seed)
         self._histories = run.histories
         self._threads = threads
         self._hide = None if progress else True

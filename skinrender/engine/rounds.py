@@ -21,7 +21,7 @@ from skinrender.engine.stop import MIN_ROUNDS, Stop
 
 PILOT_SEED = 0x70696C6F74
 PILOT_ROUNDS = 16
-PILOT_HISTORIES = 2048
+PILOT_HISTORIES = 1024
 PILOT_PROBE = 64
 """Part of a pilot's round that is walked first, lest the round not fit into memory."""
 PILOT_STORED_ENOUGH = 1 << 22

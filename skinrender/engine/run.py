@@ -20,7 +20,7 @@ from skinrender.engine.recipe import Recipe
 from skinrender.engine.rounds import PILOT_SEED, RoundPlan, equal_share, plan_rounds, run_pilot
 from skinrender.engine.stop import Stop, StoredCount, described
 from skinrender.engine.summary import TraceSummary, summarize
-from skinrender.engine.work import WalkRound
+from skinrender.engine.work import WalkRound, photon_pass
 from skinrender.photonmap.photon_map import FORMAT_VERSION
 from skinrender.photonmap.store import MapHeader, map_bytes, round_bytes
 
@@ -72,7 +72,7 @@ def plan_run(recipe: Recipe, seed: int, stored: float, share: np.ndarray | None 
     stored : photons wanted.
     share : (B,) histories of each band relative to the largest; by default the same in all bands that carry power.
     """
-    pilot_pass = recipe.build(PILOT_SEED)
+    pilot_pass = photon_pass(recipe, PILOT_SEED)
     share = equal_share(pilot_pass.power_per_band_aimed) if share is None else share
     plan = plan_rounds(run_pilot(pilot_pass, share), share, int(stored))
     return Run(recipe, seed, plan.histories, _header(recipe, seed, plan.histories, plan.stored_wanted, pilot_pass)), plan
@@ -91,7 +91,7 @@ def count_light(
     crew : who does the work; by default this process.
     """
     histories = np.asarray(histories, np.int64)
-    run = Run(recipe, seed, histories, _header(recipe, seed, histories, 0, recipe.build(seed)))
+    run = Run(recipe, seed, histories, _header(recipe, seed, histories, 0, photon_pass(recipe, seed)))
     ledger, clock = run.new_ledger(), StageClock()
     with listen() as interrupt, clock.stage("trace"):
         (crew or Crew(workers=1)).walk(run.work(None), itertools.count(), ledger, stop, interrupt)
