@@ -132,7 +132,7 @@ def render_until(
         )  # fmt: skip
     clock, threads = clock or StageClock(), threads or os.cpu_count() or 1
     with clock.stage("load"):
-        run, plan = plan_run(recipe, scene.photons.seed, FIRST_ROUNDS * 2 * ROUND_STORED)
+        run, plan = plan_run(recipe, scene.photons.seed, FIRST_ROUNDS * 2 * ROUND_STORED, scene.photons.wavelengths)
         walker = _Walker(run, threads, progress)
     view = open_view(scene, volume, FIRST_ROUNDS, threads=threads)
     ledger, parts, scattered, error = run.new_ledger(), [], None, None

@@ -127,4 +127,4 @@ SEED = 5
 
 
 def fake_scene(stored: float = 4000, seed: int = SEED) -> SimpleNamespace:
-    return SimpleNamespace(photons=SimpleNamespace(stored=stored, seed=seed))
+    return SimpleNamespace(photons=SimpleNamespace(stored=stored, seed=seed, wavelengths="uniform"))
