@@ -63,4 +63,4 @@ def test_radiance_is_the_same(pictures):
     spread = np.sqrt((scaled**2).sum() / (scaled.size - bands))
     error = np.hypot(spread / np.sqrt(SEEDS * emitted), uniform.std(ddof=1) / np.sqrt(uniform.size))
     assert np.all(np.abs(visible.mean(axis=0) - uniform.mean()) < LARGEST_Z * error)
-    assert error.max() < 0.02 * uniform.mean()
+    assert error.max() < 0.025 * uniform.mean()
