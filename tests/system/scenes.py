@@ -6,6 +6,7 @@ from typing import Any
 
 from hypothesis import strategies as st
 
+from skinrender.optics.measured_skin import TONES
 from skinrender.scene.schema_skin import LAYER_NAMES
 
 MOST_EVENTS = 300.0
@@ -80,6 +81,8 @@ OVERRIDE = optional(
 SKINS = st.fixed_dictionaries(
     {"site": st.sampled_from(["forearm", "cheek"])},
     optional={
+        "tone": st.sampled_from(TONES),
+        "pheomelanin": FRACTION,
         "layers": st.dictionaries(st.sampled_from(LAYER_NAMES), OVERRIDE, max_size=4),
         "border_wave": optional({"peak_to_valley_um": st.floats(0.0, 60.0), "period_um": spread(1.0, 1e5)}),
     },
