@@ -1,4 +1,4 @@
-"""Files that a user names, before they are opened."""
+"""Files that a user names: how they are told, and what is looked at before they are opened."""
 
 from __future__ import annotations
 
@@ -7,6 +7,11 @@ import stat
 from pathlib import Path
 
 from skinrender.errors import InputError
+
+
+def printable(name: object) -> str:
+    """A name as text that can be printed and saved: what is no text, in a name of another encoding, becomes ``?``."""
+    return str(name).encode("utf-8", "replace").decode()
 
 
 def refuse_special(path: str | Path) -> None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from skinrender.cli.console import Console
 from skinrender.errors import InputError
+from skinrender.files import printable
 
 if TYPE_CHECKING:
     from skinrender.engine.clock import StageClock
@@ -94,15 +95,18 @@ def open_job(scene_path: Path, overrides: Iterable[str], output: Path | None, co
 
 
 def command_line() -> str:
-    """The command as it was given; what is no text, in a file name of another encoding, becomes ``?``."""
+    """The command as it was given, as text."""
     import shlex
     import sys
 
-    return shlex.join(["skinrender", *sys.argv[1:]]).encode("utf-8", "replace").decode()
+    return printable(shlex.join(["skinrender", *sys.argv[1:]]))
 
 
 def make_folder(path: Path) -> Path:
-    """The folder, made if need be."""
+    """The folder, made if need be; raises `InputError` where it cannot be, or has a name that pictures cannot be in."""
+    if printable(path) != str(path):
+        # OpenEXR takes names in UTF-8 only, and what JSON and pages say of the files must be text.
+        raise InputError("its name is not UTF-8", where=f"-o {printable(path)}", remedy="name a folder whose name is text")
     try:
         path.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError):

@@ -10,6 +10,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from skinrender.errors import InputError
+from skinrender.files import printable
 from skinrender.scene.checks import cross_problems, presence_problems
 from skinrender.scene.messages import validation_problems
 from skinrender.scene.overrides import apply_overrides
@@ -49,8 +50,7 @@ def load_scene(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
             remedy="write 'key: value' lines; see the shipped scenes in configs/",
         )
     apply_overrides(source, overrides)
-    # A file name of another encoding holds what is no text.
-    source.data.setdefault("name", path.stem.encode("utf-8", "replace").decode())
+    source.data.setdefault("name", printable(path.stem))
     return _checked(source, path.resolve().parent)
 
 
