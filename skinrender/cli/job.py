@@ -16,6 +16,7 @@ from skinrender.files import printable
 if TYPE_CHECKING:
     from skinrender.engine.clock import StageClock
     from skinrender.scene import Scene
+    from skinrender.scene.overrides import Override
 
 _NO_SUCH_NAME = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOENT)
 """What the system says of folders that cannot be, whoever asks."""
@@ -82,7 +83,7 @@ class Job:
         append_timing(self.out / "timing.csv", seconds, command=command, workers=workers or os.cpu_count() or 1)
 
 
-def open_job(scene_path: Path, overrides: Iterable[str], output: Path | None, console: Console) -> Job:
+def open_job(scene_path: Path, overrides: Iterable[str | Override], output: Path | None, console: Console) -> Job:
     """Read the scene and make its folder; raises `InputError` where either is impossible."""
     from skinrender.engine.clock import StageClock
     from skinrender.scene import load_scene

@@ -13,7 +13,7 @@ from skinrender.errors import InputError
 from skinrender.files import printable
 from skinrender.scene.checks import cross_problems, presence_problems
 from skinrender.scene.messages import validation_problems
-from skinrender.scene.overrides import apply_overrides
+from skinrender.scene.overrides import Override, apply_overrides
 from skinrender.scene.problems import raise_problems
 from skinrender.scene.schema import Scene
 from skinrender.scene.yaml_source import Source, read_source
@@ -26,7 +26,7 @@ _STAND_INS: dict[str, Any] = {
 }
 
 
-def load_scene(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
+def load_scene(path: str | Path, overrides: Iterable[str | Override] = ()) -> Scene:
     """Read and check a scene file.
 
     Parameters
