@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from skinrender.errors import InputError
+from skinrender.errors import SceneError
 from skinrender.export.xml import add, add_look_at, add_number
 from skinrender.film.camera import image_plane
 from skinrender.photonmap.light import CollimatedLight, Light, PointLight
@@ -45,9 +45,9 @@ def add_sensor(parent: ET.Element, camera: Any, size_mm: tuple[float, float]) ->
     center, (right, down, axis), (width, height), pinhole = image_plane(camera, size_mm)
     columns, rows = camera.pixels
     if not math.isclose(width / columns, height / rows, rel_tol=1e-6):
-        raise InputError(
+        raise SceneError(
             f"pixels of {width / columns:.4g} x {height / rows:.4g} mm are not square, which Mitsuba needs",
-            where="camera.pixels", remedy="choose `camera.window_mm` in the ratio of `camera.pixels`",
+            key=("camera", "pixels"), remedy="choose `camera.window_mm` in the ratio of `camera.pixels`",
         )  # fmt: skip
     sensor = add(parent, "sensor", type="orthographic" if pinhole is None else "perspective")
     if pinhole is None:
@@ -90,8 +90,8 @@ def _add_lamp(parent: ET.Element, light: PointLight, band: int, refracts: bool) 
 def _add_beam(parent: ET.Element, light: CollimatedLight, volume: SkinVolume, band: int, refracts: bool) -> list[str]:
     if light.radius_mm == 0.0 or refracts:
         what = "a pencil of light" if light.radius_mm == 0.0 else "parallel light on a surface that refracts"
-        raise InputError(
-            f"Mitsuba's path tracer cannot find {what}", where="light",
+        raise SceneError(
+            f"Mitsuba's path tracer cannot find {what}", key=("light",),
             remedy="use a sky or point light, or a beam of some radius with `outside.refractive_index` as the tissue's",
         )  # fmt: skip
     if light.radius_mm is None:

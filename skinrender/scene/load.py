@@ -71,7 +71,7 @@ def make_scene(data: dict[str, Any], *, source_dir: str | Path = ".") -> Scene:
 
 
 def _checked(source: Source, source_dir: Path) -> Scene:
-    data, context = source.data, {"source_dir": source_dir}
+    data, context = source.data, {"source_dir": source_dir, "marks": source.marks}
     problems = [*source.problems, *presence_problems(data)]
     wrong: frozenset[str] = frozenset()
     try:
