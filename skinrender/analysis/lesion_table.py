@@ -90,9 +90,9 @@ def sweep(plain: Scene) -> Iterator[tuple[str, Mapping[str, Any]]]:
         yield f"to {depth_mm:g} mm", {"kind": "mole", "melanin_scale": scale, "depth_mm": depth_mm}
     for top_mm in INK_TOP_MM:
         for fraction in INK:
-            yield _ink_place(top_mm, "carbon_black"), _tattoo(top_mm, fraction, "carbon_black")
+            yield _ink_place(top_mm), _tattoo(top_mm, fraction, "carbon_black")
     for ink in COLORED:
-        yield _ink_place(INK_TOP_MM[1], ink), _tattoo(INK_TOP_MM[1], INK[-1], ink)
+        yield _ink_place(INK_TOP_MM[1]), _tattoo(INK_TOP_MM[1], INK[-1], ink)
 
 
 def pigment_of(volume: SkinVolume, plain: SkinVolume) -> tuple[float, float]:
@@ -160,7 +160,7 @@ def _tattoo(top_mm: float, fraction: float, ink: str) -> Mapping[str, Any]:
     return {"kind": "tattoo", "volume_fraction": fraction, "ink": ink, "depth_mm": [top_mm, top_mm + INK_HEIGHT_MM]}
 
 
-def _ink_place(top_mm: float, ink: str) -> str:
+def _ink_place(top_mm: float) -> str:
     return f"{top_mm:g} to {top_mm + INK_HEIGHT_MM:g} mm"
 
 

@@ -160,7 +160,8 @@ def estimate_bytes(scene: Any, volume: SkinVolume, method: str, rounds: int, thr
     slabs, regions = len(depth_edges(volume, method)) - 1, regions_of(volume).count
     rays = transmittance_subpixels(volume) ** 2 * pixels
     held = sum(paths_bytes(q, slabs, regions, bands) + lattice_bytes(q, slabs) for q in {pixels, rays})
-    of_method = (beam_bytes if method == "beam" else point_bytes)(pixels, rays, slabs, bands, rounds, threads)
+    counts = pixels, rays, slabs, bands, rounds
+    of_method = beam_bytes(*counts) if method == "beam" else point_bytes(*counts, threads)
     return filled + held + max(depths_bytes(rays, slabs, bands) + of_method, after)
 
 

@@ -12,7 +12,6 @@ from skinrender.errors import SceneError
 from skinrender.export.xml import add, add_look_at, add_number
 from skinrender.film.camera import image_plane
 from skinrender.photonmap.light import CollimatedLight, Light, PointLight
-from skinrender.skin.volume import SkinVolume
 
 LAMP_RADIUS = 0.05
 """Of the sphere that stands for a point light, relative to its height."""
@@ -21,7 +20,7 @@ SPOT_DISTANCE = 100.0
 _START_MM = 20.0
 
 
-def add_light(parent: ET.Element, light: Light, volume: SkinVolume, band: int, refracts: bool) -> list[str]:
+def add_light(parent: ET.Element, light: Light, band: int, refracts: bool) -> list[str]:
     """Add the scene's light; returns what is otherwise in Mitsuba.
 
     refracts : whether the surface does. Mitsuba's paths end in a light that they hit by chance or that they see; through a
@@ -34,7 +33,7 @@ def add_light(parent: ET.Element, light: Light, volume: SkinVolume, band: int, r
     if isinstance(light, PointLight):
         return _add_lamp(parent, light, band, refracts)
     if isinstance(light, CollimatedLight):
-        return _add_beam(parent, light, volume, band, refracts)
+        return _add_beam(parent, light, band, refracts)
     sky = add(parent, "emitter", type="constant")
     _add_emission(sky, "radiance", light.radiance[band])
     return []
@@ -87,7 +86,7 @@ def _add_lamp(parent: ET.Element, light: PointLight, band: int, refracts: bool) 
             "path finds a point"]  # fmt: skip
 
 
-def _add_beam(parent: ET.Element, light: CollimatedLight, volume: SkinVolume, band: int, refracts: bool) -> list[str]:
+def _add_beam(parent: ET.Element, light: CollimatedLight, band: int, refracts: bool) -> list[str]:
     if light.radius_mm == 0.0 or refracts:
         what = "a pencil of light" if light.radius_mm == 0.0 else "parallel light on a surface that refracts"
         raise SceneError(
