@@ -80,15 +80,6 @@ def seconds_row(seconds: Mapping[str, float]) -> Row:
     return "seconds", ", ".join(f"{stage} {spent:.2f}" for stage, spent in seconds.items())
 
 
-def bytes_text(count: float) -> str:
-    """A size as people read it."""
-    for unit in ("bytes", "kB", "MB", "GB"):
-        if count < 1000:
-            return f"{count:.3g} {unit}"
-        count /= 1000
-    return f"{count:.3g} TB"
-
-
 def _finite(value: Any) -> Any:
     """JSON knows neither NaN nor infinity: they become null."""
     if isinstance(value, Mapping):
