@@ -148,7 +148,7 @@ def require_grid(shape: Sequence[float]) -> None:
     """Raise InputError where the coefficients of so many voxels are more than memory holds."""
     require_memory(
         20 * int(np.prod(shape, dtype=float)), "a grid of {:.4g} x {:.4g} x {:.4g} voxels".format(*shape),
-        key=("patch", "columns"), remedy="use fewer columns, or for mcx larger cubes (--voxel-um)",
+        key=("patch", "columns"), remedy="use larger cubes (for mcx by --voxel-um), or fewer columns",
     )  # fmt: skip
 
 
