@@ -24,6 +24,7 @@ from skinrender.engine.interrupt import Interrupt, listen
 from skinrender.engine.recipe import Recipe
 from skinrender.engine.run import Run, plan_run
 from skinrender.engine.summary import TraceSummary
+from skinrender.engine.work import photon_pass
 from skinrender.errors import SceneError
 from skinrender.estimate.scatter_image import pooled
 from skinrender.film.spectral_image import SpectralImage
@@ -129,7 +130,7 @@ def render_until(
         _refuse_gather_count(scene)
     clock, threads = clock or StageClock(), threads or os.cpu_count() or 1
     with clock.stage("load"):
-        run, plan = plan_run(recipe, scene.photons.seed, FIRST_ROUNDS * 2 * ROUND_STORED)
+        run, plan = plan_run(recipe, scene.photons.seed, FIRST_ROUNDS * 2 * ROUND_STORED, scene.photons.wavelengths)
         walker = _Walker(run, threads, progress)
     view = open_view(scene, volume, FIRST_ROUNDS, threads=threads)
     ledger, parts, scattered, error = run.new_ledger(), [], None, None
@@ -167,7 +168,7 @@ class _Walker:
     """Walks rounds on threads; the kernels release the interpreter lock."""
 
     def __init__(self, run: Run, threads: int, progress: bool):
-        self.photon_pass = run.recipe.build(run.seed)
+        self.photon_pass = photon_pass(run.recipe, run.seed)
         self._histories = run.histories
         self._threads = threads
         self._hide = None if progress else True

@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from skinrender.errors import InputError, SceneError
 from skinrender.estimate.beam import estimate_beam
-from skinrender.estimate.guide import Guides, color_patterns, patterns
+from skinrender.estimate.guide import Guides, color_patterns, patterns, side_patterns
 from skinrender.estimate.lattice import RayLattice, fit_plane, make_lattice
 from skinrender.estimate.point import estimate_point, march_edges
 from skinrender.estimate.radius import COLOR_WIDER, WIDEST_MM, at_columns, is_alike, lesion_absorbance
@@ -118,6 +118,7 @@ class View:
             through = at_columns(np.exp(-absorbance), rays.entry, volume.size_mm)
             return [] if is_alike(absorbance) else [in_pixels(through)]
 
+        pixel_entry = stream.pixel_mean(rays.entry.T)[:2].T
         height, lamp = None, []
         if volume.has_relief:
             height = in_pixels(rays.entry[:, 2])
@@ -127,6 +128,7 @@ class View:
             relief=patterns(lamp, height, *grid),
             lesion=patterns(let_through(WIDEST_MM), None, *grid),
             color=color_patterns(let_through(COLOR_WIDER * WIDEST_MM), *grid),
+            sides=[] if volume.sides == "periodic" else side_patterns(pixel_entry, volume.size_mm, stream.shape),
         )
         return found if any(map(len, found)) else None
 

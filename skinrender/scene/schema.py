@@ -29,6 +29,11 @@ class Photons(Part):
     )
     seed: Seed = Field(1, description="seed of the photons' histories")
     roulette: Flag = Field(True, description="store fewer of the photons that hardly show, with a higher weight")
+    wavelengths: Literal["uniform", "visible"] = Field(
+        "uniform",
+        description="as many histories in every band, or more in the bands by which a picture has its color: half the time "
+        "to the same noise of color, twice the noise of the bands at the ends of the spectrum",
+    )
 
 
 class Estimate(Part):
