@@ -27,7 +27,7 @@ _PARTS = 8
 order of a sum decides how it is rounded."""
 
 
-def beam_bytes(pixels: int, rays: int, slabs: int, bands: int, rounds: int, threads: int) -> int:
+def beam_bytes(pixels: int, rays: int, slabs: int, bands: int, rounds: int) -> int:
     """What `estimate_beam` holds beside its stream: slab images, worths of rays, luminance of batches, the picture."""
     images = 2 * (_PARTS + 1) + 4  # those of parts are float64
     batches = 4 * min(rounds, MOST_BATCHES)

@@ -23,7 +23,7 @@ from skinrender.engine.rounds import (
     uniform_share,
     visible_share,
 )
-from skinrender.engine.stop import MIN_ROUNDS, AnyOf, Never, StandardError, StoredCount, TimeLimit
+from skinrender.engine.stop import MIN_ROUNDS, StandardError, StoredCount
 
 SHARE = np.ones(3)
 
@@ -107,8 +107,3 @@ def test_scattering_events_are_relative():
     """Mean 3.5, deviation 2.29: 2 % takes 1070 histories of one weight; the layer without events asks for none."""
     ledger = walked(StandardError(1.0, events_relative=0.02), power=np.ones(3))
     assert 500 < ledger.counts[:, 0].sum() < 2600
-
-
-def test_time_limit_and_combination():
-    assert len(walked(TimeLimit(0.0)).rounds) == 2
-    assert len(walked(AnyOf((Never(), TimeLimit(0.0)))).rounds) == 2
