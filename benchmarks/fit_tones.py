@@ -16,13 +16,14 @@ The reflectance is that of paths walked once without absorption (benchmarks/path
 
 from __future__ import annotations
 
-import argparse
+import sys
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from benchmarks.path_lengths import Paths, volume_paths
+from skinrender.analysis.tool import options, tool
 from skinrender.film.color import delta_e, ita_deg, lab_of_factor
 from skinrender.optics.measured_skin import TONES, measured_tone
 from skinrender.optics.tissue import absorption
@@ -128,11 +129,12 @@ def verdict(reflectance: np.ndarray, name: str) -> str:
     return f"{role}: dE00 {color:.2f}, at most {deviation:.2f} SD off, {inside}"
 
 
-def main() -> None:
+@tool
+def main(arguments: Sequence[str] | None) -> None:
     """Print the tones as rows of the table."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = options(__doc__)
     parser.add_argument("--subcutis-mm", type=float, help="thickness of the lowest layer in place of the preset's")
-    forearm = Forearm(parser.parse_args().subcutis_mm)
+    forearm = Forearm(parser.parse_args(arguments).subcutis_mm)
     ita = {name: float(ita_deg(lab_of_factor(measured_tone(name).on_bands(NM)[0], NM))) for name in TONES}
     for name, tone in between(deepest(forearm), ita).items():
         factors = ",".join(f"{factor:.3g}" for factor in (*tone.melanin.values(), tone.blood, tone.pheomelanin))
@@ -140,4 +142,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())
