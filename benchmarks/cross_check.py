@@ -12,9 +12,11 @@ import importlib.util
 import json
 import math
 import multiprocessing
+import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -192,13 +194,28 @@ def absorption_rows(case: str, options: argparse.Namespace, folder: Path) -> lis
     layer = np.searchsorted(volume.border_z_mm, z) - 1
     theirs = []
     for seed in range(1, options.seeds + 1):
-        energy = pmcxcl.run(cfg | {"seed": seed})["flux"].sum(axis=(0, 1, 3))
+        with silent_output():
+            energy = pmcxcl.run(cfg | {"seed": seed})["flux"].sum(axis=(0, 1, 3))
         theirs.append([energy[layer == k].sum() for k in range(len(volume.layer_name) - 1)])
     entered = 1.0 - ours["specular"]["value"]
     return [
         Row(case, f"absorbed in {name}", part["value"] / entered, part["stderr"] / entered, *_mean_of(values))
         for (name, part), values in zip(ours["absorbed"].items(), np.transpose(theirs))
     ]
+
+
+@contextmanager
+def silent_output() -> Iterator[None]:
+    """Without what a library prints by itself: MCX tells some 50 lines of each run."""
+    sys.stdout.flush()
+    kept = os.dup(1)
+    with open(os.devnull, "wb") as nowhere:
+        os.dup2(nowhere.fileno(), 1)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
 
 
 def pixel_z(image: SpectralImage, theirs: np.ndarray) -> np.ndarray:
