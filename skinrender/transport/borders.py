@@ -201,18 +201,18 @@ def cross(f, w, i, borders, majorant, relief):
 
     Returns INSIDE, LEFT_TOP, LEFT_BOTTOM or LEFT_SIDE. A lane that met none keeps its flight (BORDER = 0).
     """
-    region = w[REGION + i]
+    region = np.int64(w[REGION + i])
     path = np.float64(f[PATH + i])
     z = np.float64(f[Z_START + i])
     ux, uy, uz = np.float64(f[UX + i]), np.float64(f[UY + i]), np.float64(f[UZ + i])
     x, y = np.float64(f[X + i]) - ux * path, np.float64(f[Y + i]) - uy * path
     dz = (np.float64(f[Z + i]) - z) / path if path > 0.0 else uz
 
-    hit, k, side = -1.0, region, 1
+    hit, k, side = -1.0, region, np.int64(1)
     if min(f[Z_START + i], f[Z + i]) < f[Z_SAFE_TOP + i]:
-        hit = border_distance(borders, relief, region, 1, x, y, z, ux, uy, dz, path)
+        hit = border_distance(borders, relief, region, np.int64(1), x, y, z, ux, uy, dz, path)
     if max(f[Z_START + i], f[Z + i]) > f[Z_SAFE_BOTTOM + i]:
-        lower = border_distance(borders, relief, region + 1, -1, x, y, z, ux, uy, dz, path)
+        lower = border_distance(borders, relief, region + 1, np.int64(-1), x, y, z, ux, uy, dz, path)
         if lower >= 0.0 and (hit < 0.0 or lower < hit):
             hit, k, side = lower, region + 1, -1
     wall_x, wall_y = 0.0, 0.0
@@ -241,7 +241,7 @@ def meet_side(f, w, i, borders, majorant, relief, region, x, y, z, ux, uy, uz, w
         return LEFT_SIDE
     ux, uy, uz = reflect(ux, uy, uz, wall_x, wall_y, 0.0)
     w[FRESH + i] &= ~STRAIGHT
-    place(f, w, i, borders, majorant, relief, region, x, y, z, ux, uy, uz, -1, 0.0)
+    place(f, w, i, borders, majorant, relief, region, x, y, z, ux, uy, uz, np.int64(-1), 0.0)
     return INSIDE
 
 
@@ -274,11 +274,11 @@ def meet_border(f, w, i, borders, majorant, relief, region, k, side, x, y, z, ux
         place(f, w, i, borders, majorant, relief, region - side, x, y, z, ux, uy, uz, rough, -np.float64(side))
         return INSIDE
     entered, _, x, y, z, ux, uy, uz = enter_surface(
-        w, i, borders, relief, x, y, z, ux, uy, uz, True
+        w, i, borders, relief, x, y, z, ux, uy, uz, np.bool_(True)
     )
     if not entered:
         f[X + i], f[Y + i], f[UX + i], f[UY + i], f[UZ + i] = x, y, ux, uy, uz
         return LEFT_TOP
     w[FRESH + i] &= ~STRAIGHT
-    place(f, w, i, borders, majorant, relief, 0, x, y, z, ux, uy, uz, rough, 1.0)
+    place(f, w, i, borders, majorant, relief, np.int64(0), x, y, z, ux, uy, uz, rough, 1.0)
     return INSIDE

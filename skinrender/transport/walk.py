@@ -74,7 +74,7 @@ def launch(f, w, i, source, borders, majorant, relief, light, tally, cursor):
         x, y, ux, uy, uz = emit(light, borders.lx, borders.ly, z_mean, u, v, draw(w, i, LANES), draw(w, i, LANES))
         tally[EMITTED] += 1
         entered, bounces, x, y, z, ux, uy, uz = enter_surface(
-            w, i, borders, relief, x, y, 0.0, ux, uy, uz, False
+            w, i, borders, relief, x, y, 0.0, ux, uy, uz, np.bool_(False)
         )
         if not entered:
             tally[REFLECTED] += 1
@@ -83,7 +83,7 @@ def launch(f, w, i, source, borders, majorant, relief, light, tally, cursor):
             continue
         straight = STRAIGHT if bounces == 0 and not store_first else 0
         w[FRESH + i] = straight | UNSCATTERED
-        place(f, w, i, borders, majorant, relief, 0, x, y, z, ux, uy, uz, int(borders.table[0, ROUGH]), 1.0)
+        place(f, w, i, borders, majorant, relief, np.int64(0), x, y, z, ux, uy, uz, int(borders.table[0, ROUGH]), 1.0)
         return True
     return False
 
@@ -172,7 +172,7 @@ def relaunch(f, w, ended, source, medium, relief, light, tally, cursor):
     """Launches the next histories in the lanes listed whose photons have ended; whether a lane is left empty."""
     holes = False
     for k in range(ended):
-        i = w[LISTED + k]
+        i = np.int64(w[LISTED + k])
         if not launch(f, w, i, source, medium.borders, medium.majorant, relief, light, tally, cursor):
             w[FRESH + i] = EMPTY
             holes = True
@@ -202,7 +202,7 @@ def meet_borders(f, w, marked, medium, relief, tally, exits):
     """
     borders, majorant = medium.borders, medium.majorant
     for k in range(marked):
-        i = w[LISTED + k]
+        i = np.int64(w[LISTED + k])
         status = cross(f, w, i, borders, majorant, relief)
         if status != INSIDE:
             leave(f, w, i, status, tally, exits)
@@ -212,7 +212,7 @@ def meet_borders(f, w, marked, medium, relief, tally, exits):
 @kernel
 def close_holes(f, w, n):
     """Moves the last live lanes into the empty ones; returns the number of lanes in flight."""
-    i = 0
+    i = np.int64(0)
     while i < n:
         if w[FRESH + i] == EMPTY:
             n -= 1
@@ -251,8 +251,8 @@ def walk(f, w, source, light, medium, relief, keep, position, direction, tallies
     if cursor[0] == 0:
         for i in range(LANES):
             w[LISTED + i] = i
-        relaunch(f, w, LANES, source, medium, relief, light, tally, cursor)
-        n = close_holes(f, w, LANES)
+        relaunch(f, w, np.uint64(LANES), source, medium, relief, light, tally, cursor)
+        n = close_holes(f, w, np.int64(LANES))
     while n > 0 and stored <= room and passes < _PASSES:
         passes += 1
         launched = cursor[0]
@@ -262,7 +262,7 @@ def walk(f, w, source, light, medium, relief, keep, position, direction, tallies
             wrap(f, whole, medium.period[0], medium.period[1])
         else:
             mark_sides(f, w, whole, medium.period[0], medium.period[1])
-        marked = list_lanes(w, n, BORDER)
+        marked = list_lanes(w, n, np.int64(BORDER))
         if relief is not None:
             if medium.borders.sides == PERIODIC:
                 look_around(f, w, whole, relief.cells_per_mm, relief.last_cell)
@@ -277,7 +277,7 @@ def walk(f, w, source, light, medium, relief, keep, position, direction, tallies
             if keep is not None:
                 thin_out(f, w, n, keep, medium.z_top)
             stored = store(f, w, n, position, direction, stored, medium.z_top)
-        ended = list_lanes(w, n, ENDED)
+        ended = list_lanes(w, n, np.int64(ENDED))
         holes = relaunch(f, w, ended, source, medium, relief, light, tally, cursor)
         state[3] = 0 if holes or cursor[0] > launched else state[3] + whole
         if holes:
