@@ -183,7 +183,7 @@ def deposit(
     ----------
     position (N, 3), direction (N, 2) : the map's.
     keep : (1 + D,) bins per mm and keep probabilities of the band, or None: all weights are 1.
-    relief : (hx, hy) float64 control points or None.
+    relief : (hx, hy) float32 control points or None.
     edges, region, to_lattice, bounds, only_ray, start, rays, ray_direction : of the `RayLattice` and its rays.
     worth : of `ray_weights`; pixel_of (Q,): pixel of each ray.
     palette_index, z_edges : the voxels, or None when g is the same everywhere.
@@ -221,12 +221,12 @@ def deposit(
             elif q == SEVERAL_RAYS:
                 cell = cell_of[k, 1]
                 for j in range(start[slab, cell], start[slab, cell + 1]):
-                    q = rays[slab, j]
+                    q = np.int64(rays[slab, j])
                     value = connect(
                         slab, q, entry[k, 0], entry[k, 1], entry[k, 2], entry[k, 3], entry[k, 5], region, ray_direction,
                         worth,
                     )  # fmt: skip
-                    light += add_light(image, y_image, factor, y_weight, slab, pixel_of[q], entry[k, 4] * value)
+                    light += add_light(image, y_image, factor, y_weight, slab, np.int64(pixel_of[q]), entry[k, 4] * value)
                     contributions += 1
         for k in range(n):
             if ray[k] >= 0:

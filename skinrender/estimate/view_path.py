@@ -86,8 +86,8 @@ def make_view_path(origin: np.ndarray, direction: np.ndarray, volume: Any) -> Vi
 
 
 def relief_arrays(surface_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Control points and cell bounds of a relief as the kernels read them, float64."""
-    heights = np.ascontiguousarray(surface_mm, dtype=np.float64)
+    """Control points and cell bounds of a relief as the kernels read them, in the walk's float32: no second copy of them."""
+    heights = np.ascontiguousarray(surface_mm, dtype=np.float32)
     return heights, cell_bounds(heights)
 
 
