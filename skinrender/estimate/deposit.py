@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from skinrender.estimate.lattice import SEVERAL_RAYS, bin_of
-from skinrender.transport import allocating_kernel, kernel
+from skinrender.transport import allocating_kernel, entry_kernel, kernel
 from skinrender.transport.height_field import height
 from skinrender.transport.phase import phase_hg
 
@@ -68,7 +68,7 @@ finite."""
 BLOCK = 256
 
 
-@kernel
+@entry_kernel
 def ray_weights(slab, tau, outside_power, descent, bin_area, pixel_of, worth, factor):
     """What a photon's connection to a ray is worth in one slab, in two factors.
 

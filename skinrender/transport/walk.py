@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from skinrender.transport import inlined_kernel, kernel
+from skinrender.transport import entry_kernel, inlined_kernel, kernel
 from skinrender.transport.borders import INSIDE, LEFT_BOTTOM, LEFT_TOP, PERIODIC, ROUGH, cross, enter_surface, place
 from skinrender.transport.emission import emit, tile_position
 from skinrender.transport.gather import find_voxels, gather
@@ -222,7 +222,7 @@ def close_holes(f, w, n):
     return n
 
 
-@kernel
+@entry_kernel
 def walk(f, w, source, light, medium, relief, keep, position, direction, tallies, exits, state):
     """Walks the histories of `source`; returns early, to be called again, after a while and when the output is nearly
     full.
