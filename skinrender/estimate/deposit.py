@@ -17,6 +17,7 @@ import numpy as np
 from skinrender.estimate.lattice import SEVERAL_RAYS, bin_of
 from skinrender.transport import allocating_kernel, entry_kernel, kernel
 from skinrender.transport.height_field import height
+from skinrender.transport.optical_depth import edges_above
 from skinrender.transport.phase import phase_hg
 
 
@@ -38,7 +39,7 @@ def voxel_of(palette_index, z_edges, lx, ly, x, y, z):
     nx, ny, nz = palette_index.shape
     i = min(max(int(x * (nx / lx)), 0), nx - 1)
     j = min(max(int(y * (ny / ly)), 0), ny - 1)
-    k = min(max(np.searchsorted(z_edges, z, side="right") - 1, 0), nz - 1)
+    k = min(max(edges_above(z_edges, z) - 1, 0), nz - 1)
     return palette_index[i, j, k]
 
 
@@ -197,8 +198,9 @@ def deposit(
     """
     room = BLOCK + 1
     if periodic:
-        tiles_x, tiles_y = (bounds[:, 2] - bounds[:, 0]).max() / lx, (bounds[:, 3] - bounds[:, 1]).max() / ly
-        room = BLOCK + (int(tiles_x) + 2) * (int(tiles_y) + 2)
+        for s in range(bounds.shape[0]):
+            tiles_x, tiles_y = (bounds[s, 2] - bounds[s, 0]) / lx, (bounds[s, 3] - bounds[s, 1]) / ly
+            room = max(room, BLOCK + (int(tiles_x) + 2) * (int(tiles_y) + 2))
     entry, cell_of, ray = np.empty((room, 6)), np.empty((room, 2), np.int64), np.empty(room, np.int64)
     contributions, light = 0, 0.0
     i = first
