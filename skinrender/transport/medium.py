@@ -14,7 +14,7 @@ from skinrender.transport.bricks import BRICK
 from skinrender.transport.gather import Grid
 from skinrender.transport.height_field import bulge_bound, cell_bounds
 from skinrender.transport.move import SLABS
-from skinrender.transport.relief import FAR, NEAR, Relief
+from skinrender.transport.relief import NEAR, Relief
 
 _COARSE_CELLS = 4096
 _WORD = 2.0**32
@@ -180,8 +180,8 @@ def make_relief(heights: list[np.ndarray], size_mm: tuple[float, float]) -> Reli
 def _around(field: np.ndarray, highest: np.ndarray, size_mm: tuple[float, float]) -> np.ndarray:
     """`Relief.around` of one height field."""
     known = (highest, bulge_bound(field, *size_mm))
-    near = [np.stack([_largest_within(each, cells) for each in known], axis=-1) for cells in (NEAR, FAR)]
-    return np.concatenate([np.stack(near, axis=2).reshape(-1, 2), [[each.max() for each in known]]])
+    near = np.stack([_largest_within(each, NEAR) for each in known], axis=-1)
+    return np.concatenate([near.reshape(-1, 2), [[each.max() for each in known]]])
 
 
 def _largest_within(field: np.ndarray, cells: int) -> np.ndarray:
