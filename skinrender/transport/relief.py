@@ -62,29 +62,39 @@ def look_around(f, w, n, cells_per_mm, last_cell):
 
 
 @kernel
-def clear_of_relief(f, w, marked, borders, relief):
-    """Clears the mark of flights that surely stay below the height field over their region; returns how many stay
-    marked.
+def clear_by_depth(f, w, marked, borders, relief):
+    """Clears the mark of flights that are deeper than the height field over their region is anywhere around; returns
+    how many stay marked.
 
-    The lanes are those that `walk.list_lanes` lists. Two tests, the cheap one first, each over the whole list and
-    without branches: which flights pass is so random that wrong guesses cost more than the tests.
+    The lanes are those that `walk.list_lanes` lists. Without branches, as `clear_by_bulge`: which flights pass is so
+    random that wrong guesses cost more than the tests.
     """
-    for by_depth in (True, False):
-        left = np.uint64(0)
-        for k in range(marked):
-            i = w[LISTED + k]
-            row = int(borders.table[w[REGION + i], ROUGH])
-            clear = row >= 0 and max(f[Z_START + i], f[Z + i]) <= f[Z_SAFE_BOTTOM + i]
-            if clear:
-                if by_depth:
-                    clear = below_all_around(f, w, i, relief.around, row)
-                else:
-                    clear = below_each_bulge(f, w, i, relief, row, borders.lx, borders.ly)
-            w[BORDER + i] = np.int32(not clear)
-            w[LISTED + left] = i
-            left += np.uint64(not clear)
-        marked = left
-    return marked
+    left = np.uint64(0)
+    for k in range(marked):
+        i = np.uint64(w[LISTED + k])
+        row = int(borders.table[np.uint64(w[REGION + i]), ROUGH])
+        clear = (row >= 0) & (max(f[Z_START + i], f[Z + i]) <= f[Z_SAFE_BOTTOM + i])
+        clear &= below_all_around(f, w, i, relief.around, max(row, 0))
+        w[BORDER + i] = np.int32(not clear)
+        w[LISTED + left] = i
+        left += np.uint64(not clear)
+    return left
+
+
+@kernel
+def clear_by_bulge(f, w, marked, borders, relief):
+    """Clears the mark of flights that pass below the height field over their region however it bulges; returns how many
+    stay marked."""
+    left = np.uint64(0)
+    for k in range(marked):
+        i = np.uint64(w[LISTED + k])
+        row = int(borders.table[np.uint64(w[REGION + i]), ROUGH])
+        clear = (row >= 0) & (max(f[Z_START + i], f[Z + i]) <= f[Z_SAFE_BOTTOM + i])
+        clear &= below_each_bulge(f, w, i, relief, max(row, 0), borders.lx, borders.ly)
+        w[BORDER + i] = np.int32(not clear)
+        w[LISTED + left] = i
+        left += np.uint64(not clear)
+    return left
 
 
 @inlined_kernel

@@ -36,7 +36,7 @@ from skinrender.transport.lanes import (
     Z,
 )
 from skinrender.transport.move import fly, locate, mark_sides, wrap
-from skinrender.transport.relief import clear_of_relief, look_around
+from skinrender.transport.relief import clear_by_bulge, clear_by_depth, look_around
 from skinrender.transport.rng import draw, seed_words
 from skinrender.transport.streaming import stream
 from skinrender.transport.tally import (
@@ -266,7 +266,8 @@ def walk(f, w, source, light, medium, relief, keep, position, direction, tallies
         if relief is not None:
             if medium.borders.sides == PERIODIC:
                 look_around(f, w, whole, relief.cells_per_mm, relief.last_cell)
-                marked = clear_of_relief(f, w, marked, medium.borders, relief)
+                marked = clear_by_depth(f, w, marked, medium.borders, relief)
+                marked = clear_by_bulge(f, w, marked, medium.borders, relief)
         meet_borders(f, w, marked, medium, relief, tally, exits)
         locate(f, w, whole, medium.cells_per_mm, medium.last_cell, medium.grid.bricks_y, medium.grid.planes)
         find_voxels(f, w, n, medium.grid)
