@@ -13,10 +13,11 @@ from skinrender.transport.lanes import BORDER, LISTED, OVER, PATH, REGION, UX, U
 
 OFFSET_MM = 1e-6  # a photon on a height field is put this far inside: above the rounding of float32 positions
 ROUGH = 1  # column of `borders.Borders.table`: row of the border in the height fields, or -1
+TILE = 4  # cells
 NEAR = 2  # cells around that of a flight's middle that it may cross; longer flights are held against the whole field
 DEEPEST, BULGE = 0, 1  # columns of `Relief.around`
 SAMPLE_BYTES = 4 + 8 + 8  # that a `Relief` holds of a sample of a height field
-_NEAR, _HALF = np.float32(0.99 * NEAR), np.float32(0.5)  # less than NEAR: the middle is rounded
+_NEAR, _HALF = np.float32(0.99 * NEAR / TILE), np.float32(0.5)  # less than NEAR: the middle is rounded
 
 
 class Relief(NamedTuple):
@@ -30,8 +31,8 @@ class Relief(NamedTuple):
     heights: np.ndarray
     bounds: np.ndarray
     around: np.ndarray
-    cells_per_mm: np.ndarray
-    last_cell: np.ndarray
+    tiles_per_mm: np.ndarray
+    last_tile: np.ndarray
 
 
 @kernel
@@ -43,22 +44,21 @@ def rough_normal(heights, lx, ly, x, y):
 
 
 @block_kernel
-def look_around(f, w, n, cells_per_mm, last_cell):
-    """Row of `Relief.around` that holds for each flight: the cell of its middle, if both ends are near that."""
-    sx, sy, mx, my = cells_per_mm[0], cells_per_mm[1], last_cell[0], last_cell[1]
-    zero, one = np.int32(0), np.int32(1)
-    hx, hy = np.int32(mx + one), np.int32(my + one)
-    everywhere = np.int32(hx * hy)
+def look_around(f, w, n, lx, ly, tiles_per_mm, last_tile):
+    """Row of `Relief.around` that holds for each flight: the tile of its middle, if both ends are near that."""
+    sx, sy, mx, my = tiles_per_mm[0], tiles_per_mm[1], last_tile[0], last_tile[1]
+    zero, across = np.int32(0), np.int32(my + np.int32(1))
+    everywhere, nothing = np.int32(np.int32(mx + np.int32(1)) * across), lx - lx
     for i in range(n):
         half = _HALF * f[PATH + i]
-        x, y = f[UX + i] * half * sx, f[UY + i] * half * sy
-        # a period on, so that the number is positive when it is cut off
-        a = np.int32(np.int32(f[X + i] * sx - x + np.float32(hx)) - hx)
-        b = np.int32(np.int32(f[Y + i] * sy - y + np.float32(hy)) - hy)
-        a = np.int32(a + hx) if a < zero else a
-        b = np.int32(b + hy) if b < zero else b
-        here = np.int32(np.int32(min(max(a, zero), mx) * hy) + min(max(b, zero), my))
-        w[OVER + i] = everywhere if max(abs(x), abs(y)) > _NEAR else here
+        dx, dy = f[UX + i] * half, f[UY + i] * half
+        x, y = f[X + i] - dx, f[Y + i] - dy
+        x += (lx if x < nothing else nothing) - (lx if x > lx else nothing)
+        y += (ly if y < nothing else nothing) - (ly if y > ly else nothing)
+        a = min(max(np.int32(x * sx), zero), mx)
+        b = min(max(np.int32(y * sy), zero), my)
+        here = np.int32(np.int32(a * across) + b)
+        w[OVER + i] = everywhere if max(abs(dx) * sx, abs(dy) * sy) > _NEAR else here
 
 
 @kernel

@@ -265,7 +265,7 @@ def walk(f, w, source, light, medium, relief, keep, position, direction, tallies
         marked = list_lanes(w, n, np.int64(BORDER))
         if relief is not None:
             if medium.borders.sides == PERIODIC:
-                look_around(f, w, whole, relief.cells_per_mm, relief.last_cell)
+                look_around(f, w, whole, medium.period[0], medium.period[1], relief.tiles_per_mm, relief.last_tile)
                 marked = clear_by_depth(f, w, marked, medium.borders, relief)
                 marked = clear_by_bulge(f, w, marked, medium.borders, relief)
         meet_borders(f, w, marked, medium, relief, tally, exits)
