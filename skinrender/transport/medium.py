@@ -53,7 +53,7 @@ def make_grid(palette_index: np.ndarray, z_edges_mm: np.ndarray, real: type) -> 
     palette[offset[uniform]] = cells[uniform, 0]
     varied = offset[~uniform][:, None] + np.arange(BRICK * BRICK)
     palette[varied] = cells[~uniform]
-    brick = (2 * offset + ~uniform).astype(np.uint32)
+    brick = (2 * offset + uniform).astype(np.uint32)
 
     entries = int(palette_index.max()) + 1
     holds = np.zeros((nz, entries), dtype=bool)
