@@ -69,32 +69,32 @@ def clear_by_depth(f, w, marked, borders, relief):
     The lanes are those that `walk.list_lanes` lists. Without branches, as `clear_by_bulge`: which flights pass is so
     random that wrong guesses cost more than the tests.
     """
-    left = np.uint64(0)
+    left = np.uint64(LISTED)
     for k in range(marked):
-        i = np.uint64(w[LISTED + k])
-        row = int(borders.table[np.uint64(w[REGION + i]), ROUGH])
+        i = np.int64(np.uint32(w[LISTED + k]))
+        row = int(borders.table[np.uint64(np.uint32(w[REGION + i])), ROUGH])
         clear = (row >= 0) & (max(f[Z_START + i], f[Z + i]) <= f[Z_SAFE_BOTTOM + i])
         clear &= below_all_around(f, w, i, relief.around, max(row, 0))
         w[BORDER + i] = np.int32(not clear)
-        w[LISTED + left] = i
+        w[left] = i
         left += np.uint64(not clear)
-    return left
+    return left - np.uint64(LISTED)
 
 
 @kernel
 def clear_by_bulge(f, w, marked, borders, relief):
     """Clears the mark of flights that pass below the height field over their region however it bulges; returns how many
     stay marked."""
-    left = np.uint64(0)
+    left = np.uint64(LISTED)
     for k in range(marked):
-        i = np.uint64(w[LISTED + k])
-        row = int(borders.table[np.uint64(w[REGION + i]), ROUGH])
+        i = np.int64(np.uint32(w[LISTED + k]))
+        row = int(borders.table[np.uint64(np.uint32(w[REGION + i])), ROUGH])
         clear = (row >= 0) & (max(f[Z_START + i], f[Z + i]) <= f[Z_SAFE_BOTTOM + i])
         clear &= below_each_bulge(f, w, i, relief, max(row, 0), borders.lx, borders.ly)
         w[BORDER + i] = np.int32(not clear)
-        w[LISTED + left] = i
+        w[left] = i
         left += np.uint64(not clear)
-    return left
+    return left - np.uint64(LISTED)
 
 
 @inlined_kernel

@@ -172,7 +172,7 @@ def relaunch(f, w, ended, source, medium, relief, light, tally, cursor):
     """Launches the next histories in the lanes listed whose photons have ended; whether a lane is left empty."""
     holes = False
     for k in range(ended):
-        i = np.int64(w[LISTED + k])
+        i = np.int64(np.uint32(w[LISTED + k]))
         if not launch(f, w, i, source, medium.borders, medium.majorant, relief, light, tally, cursor):
             w[FRESH + i] = EMPTY
             holes = True
@@ -181,17 +181,20 @@ def relaunch(f, w, ended, source, medium, relief, light, tally, cursor):
 
 @kernel
 def list_lanes(w, n, flag):
-    """Lists in w[LISTED:] those of n lanes whose word at `flag` is set, few as a rule; returns their number."""
-    listed = np.uint64(0)
+    """Lists in w[LISTED:] those of n lanes whose word at `flag` is set, few as a rule; returns their number.
+
+    `flag` is unsigned, as what is read from the list: numba's tests for negative indices made a third of this pass.
+    """
+    listed = np.uint64(LISTED)
     for first in range(0, n, 16):
         some = np.int32(0)
         for i in range(16):
             some |= w[flag + first + i]
         if some != 0:
             for i in range(first, min(first + 16, n)):
-                w[LISTED + listed] = i
+                w[listed] = i
                 listed += np.uint64(w[flag + i] != 0)
-    return listed
+    return listed - np.uint64(LISTED)
 
 
 @kernel
@@ -202,7 +205,7 @@ def meet_borders(f, w, marked, medium, relief, tally, exits):
     """
     borders, majorant = medium.borders, medium.majorant
     for k in range(marked):
-        i = np.int64(w[LISTED + k])
+        i = np.int64(np.uint32(w[LISTED + k]))
         status = cross(f, w, i, borders, majorant, relief)
         if status != INSIDE:
             leave(f, w, i, status, tally, exits)
@@ -262,7 +265,7 @@ def walk(f, w, source, light, medium, relief, keep, position, direction, tallies
             wrap(f, whole, medium.period[0], medium.period[1])
         else:
             mark_sides(f, w, whole, medium.period[0], medium.period[1])
-        marked = list_lanes(w, n, np.int64(BORDER))
+        marked = list_lanes(w, n, np.uint32(BORDER))
         if relief is not None:
             if medium.borders.sides == PERIODIC:
                 look_around(f, w, whole, medium.period[0], medium.period[1], relief.tiles_per_mm, relief.last_tile)
@@ -278,7 +281,7 @@ def walk(f, w, source, light, medium, relief, keep, position, direction, tallies
             if keep is not None:
                 thin_out(f, w, n, keep, medium.z_top)
             stored = store(f, w, n, position, direction, stored, medium.z_top)
-        ended = list_lanes(w, n, np.int64(ENDED))
+        ended = list_lanes(w, n, np.uint32(ENDED))
         holes = relaunch(f, w, ended, source, medium, relief, light, tally, cursor)
         state[3] = 0 if holes or cursor[0] > launched else state[3] + whole
         if holes:
