@@ -19,7 +19,7 @@ _ALL = {"cache": True, "nogil": True, "error_model": "numpy", "no_cfunc_wrapper"
 _INNER = {**_ALL, "_nrt": False, "no_cpython_wrapper": True}
 kernel = inner(cached(numba.njit(**_INNER)))
 # For what the walk calls for single photons: a call copies the header of every array in its tuples. Without, the walk
-# under a relief takes 1.07 to 1.16 times as long; compiling it takes 20 s instead of 23.
+# under a relief takes 1.07 to 1.16 times as long.
 inlined_kernel = inner(cached(numba.njit(**_INNER, forceinline=True)))
 # For the block passes and what they call: reassociation and approximate reciprocals let LLVM vectorize them.
 # NaN and infinity keep their meaning. Forced inlining leaves one compiled copy of each: with two, a process that
