@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from skinrender.engine.estimate import estimate
-from skinrender.engine.rounds import equal_share
+from skinrender.engine.rounds import uniform_share
 from skinrender.engine.timed import round_as_map, timed
 from skinrender.photonmap.light import light_from_scene
 from skinrender.photonmap.photon_pass import PhotonPass
@@ -80,7 +80,7 @@ def run_once(side: Side, histories: int, cost: Cost) -> None:
     seconds, volume = timed(lambda: build_volume(scene))
     cost.build.append(seconds)
     photon_pass = PhotonPass(volume, light_from_scene(scene), 1, roulette=scene.photons.roulette)
-    share = equal_share(photon_pass.power_per_band_aimed)
+    share = uniform_share(photon_pass.power_per_band_aimed)
     photon_pass.walk(0, np.ceil(share).astype(np.int64), side.storing)  # prepares the bands
     each = np.ceil(share * (histories / share.sum())).astype(np.int64)
     seconds, walked = timed(lambda: photon_pass.walk(0, each, side.storing))

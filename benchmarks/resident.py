@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from benchmarks.processes import tree
+
 SAMPLE_SECONDS = 0.25
 
 
@@ -73,19 +75,6 @@ def resident_of_tree(pid: int) -> Resident:
     """Memory of a process and all its descendants (Linux: ``smaps_rollup``)."""
     parts = [_resident(one) for one in tree(pid)]
     return Resident(sum(part.total for part in parts), sum(part.own for part in parts))
-
-
-def tree(pid: int) -> list[int]:
-    """A process and its descendants; those that end meanwhile are passed by."""
-    found, todo = [], [pid]
-    while todo:
-        one = todo.pop()
-        found.append(one)
-        with contextlib.suppress(OSError):
-            for task in Path(f"/proc/{one}/task").iterdir():
-                with contextlib.suppress(OSError):
-                    todo += [int(child) for child in (task / "children").read_text().split()]
-    return found
 
 
 def _resident(pid: int) -> Resident:

@@ -1,4 +1,4 @@
-"""Files that a user names, before they are opened."""
+"""Files: how their names and sizes are told, and what is looked at before those that a user names are opened."""
 
 from __future__ import annotations
 
@@ -7,6 +7,20 @@ import stat
 from pathlib import Path
 
 from skinrender.errors import InputError
+
+
+def printable(name: object) -> str:
+    """A name as text that can be printed and saved: what is no text, in a name of another encoding, becomes ``?``."""
+    return str(name).encode("utf-8", "replace").decode()
+
+
+def bytes_text(count: float) -> str:
+    """A size as people read it."""
+    for unit in ("bytes", "kB", "MB", "GB"):
+        if count < 1000:
+            return f"{count:.3g} {unit}"
+        count /= 1000
+    return f"{count:.3g} TB"
 
 
 def refuse_special(path: str | Path) -> None:

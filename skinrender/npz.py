@@ -124,12 +124,6 @@ def forget_pages(array: np.ndarray) -> None:
         mapped._mmap.madvise(memory_map.MADV_DONTNEED)
 
 
-def verify_npz(path: str | os.PathLike) -> None:
-    """Check structure and CRC of every member of an npz file; raises InputError when one is wrong."""
-    path = Path(path)
-    _verify(path, _members(path))
-
-
 def npz_bytes(members: Mapping[str, np.ndarray | Streamed]) -> int:
     """Size of the file that `write_npz` makes of these members, without reading any of their data.
 

@@ -8,6 +8,8 @@ import os
 from collections import Counter
 from pathlib import Path
 
+from benchmarks.processes import children_of
+
 SHARED = Path("/dev/shm")
 PREFIX = f"mp{os.getpid()}"
 _LASTING = ("multiprocessing.resource_tracker", "multiprocessing.forkserver")
@@ -26,11 +28,7 @@ def shared_memory() -> set[str]:
 
 def children() -> set[tuple[int, str]]:
     """Number and command of the living children of this process; zombies that nobody has waited for count."""
-    found = set()
-    for task in Path("/proc/self/task").glob("*/children"):
-        with contextlib.suppress(OSError):
-            found |= {int(child) for child in task.read_text().split()}
-    commands = {(child, _command(child)) for child in found}
+    commands = {(child, _command(child)) for child in children_of(os.getpid())}
     return {(child, command) for child, command in commands if not any(name in command for name in _LASTING)}
 
 

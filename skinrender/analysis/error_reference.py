@@ -25,7 +25,6 @@ from skinrender.analysis.error_study import Method, Subject
 from skinrender.errors import InputError
 from skinrender.film.spectral_image import SpectralImage
 
-KINDS = ("beam", "reference")
 TIMES_LARGEST = {"beam": 4, "reference": 20}
 """Photons of the reference over those of the largest run; the one without kernels needs more."""
 SEEDS = (0x5265666572656E63, 0x5265666572656E64)

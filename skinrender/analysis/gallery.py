@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-import argparse
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +14,7 @@ import numpy as np
 
 from skinrender.analysis.plots import INK, new_figure, save
 from skinrender.analysis.rendered import render
+from skinrender.analysis.tool import options, tool
 
 CLOSE = ("bands_nm.step=20", "patch.size_mm=[6,6]", "camera.pixels=[180,180]")
 """6 mm across: furrows of 100 um are three columns and pixels wide. 21 bands color skin as 81 do."""
@@ -95,9 +96,10 @@ def draw_sheet(pictures: dict[str, Sequence[tuple[str, np.ndarray]]], path: Path
     save(figure, path)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+@tool
+def main(arguments: Sequence[str] | None) -> None:
     """Render the sheet and write ``gallery.png``."""
-    parser = argparse.ArgumentParser(description=__doc__.split(":")[0])
+    parser = options(__doc__)
     parser.add_argument("-o", "--output", type=Path, default=Path("out/gallery"), help="folder to write to")
     parser.add_argument("--configs", type=Path, default=Path("configs"), help="folder of the shipped scenes")
     parser.add_argument("--photons", type=float, default=1e7, help="photons of a picture without a lesion")
@@ -113,4 +115,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from skinrender.analysis.lesion_sweep import Row
 from skinrender.analysis.light_depth import QUANTILES, LightDepth
 from skinrender.analysis.plots import INK, SOFT, new_figure, save
 from skinrender.analysis.spectrum_files import skin_rgb
-
-if TYPE_CHECKING:
-    from skinrender.analysis.lesion_table import Row
 
 _MARKERS = {"epidermal": "^", "dermal": "o", "mole": "D"}
 _TICKS_MM = (0.06, 0.1, 0.2, 0.4, 0.8)

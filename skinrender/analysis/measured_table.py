@@ -6,8 +6,8 @@ measured_skin.csv and measured_skin.png.
 
 from __future__ import annotations
 
-import argparse
 import csv
+import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +16,7 @@ import numpy as np
 
 from skinrender.analysis.spectrum import SkinSpectrum, spectrum
 from skinrender.analysis.spectrum_files import draw_comparisons
+from skinrender.analysis.tool import options, tool
 from skinrender.atomic import whole_file
 from skinrender.film.color import delta_e, lab_of_factor
 from skinrender.optics.measured_skin import TONES
@@ -96,9 +97,10 @@ def write_deviations(comparisons: Iterable[Comparison], path: Path) -> None:
                 writer.writerow([c.found.name, *(f"{value:.5g}" for value in row)])
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+@tool
+def main(arguments: Sequence[str] | None) -> None:
     """Walk the presets and write the comparison."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = options(__doc__)
     parser.add_argument("-o", "--output", type=Path, default=Path("out/measured_skin"), help="folder to write to")
     parser.add_argument("--stderr", type=float, default=0.004, help="relative standard error of the reflectances")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change the scenes")
@@ -117,4 +119,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -7,7 +7,7 @@ a ``render`` folder. All three see the same photons, so that most of their noise
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter
 
 from skinrender.analysis.compare import Picture, compare
 from skinrender.analysis.plots import INK, new_figure, save
-from skinrender.errors import InputError
+from skinrender.analysis.tool import options, tool
 from skinrender.film.color import encode_srgb
 from skinrender.film.exr import read_exr
 
@@ -65,19 +65,15 @@ def draw(pictures: Mapping[str, Picture]) -> Any:
     return figure
 
 
-def main(arguments: list[str]) -> int:
-    """Draw a folder's pictures; returns the exit code."""
-    if len(arguments) != 2:
-        print(__doc__, file=sys.stderr)
-        return 2
-    folder, png = map(Path, arguments)
-    try:
-        save(draw(read_pictures(folder)), png)
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    return 0
+@tool
+def main(arguments: Sequence[str] | None) -> None:
+    """Draw a folder's pictures."""
+    parser = options(__doc__)
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="of a render, with a picture by each method")
+    parser.add_argument("png", type=Path, metavar="PNG", help="file to write")
+    wanted = parser.parse_args(arguments)
+    save(draw(read_pictures(wanted.folder)), wanted.png)
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

@@ -6,7 +6,7 @@ as many fewer are gathered: its kernel.
 
 from __future__ import annotations
 
-import argparse
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from typing import Any
 from skinrender.analysis.plots import INK, new_figure, save
 from skinrender.analysis.rendered import render
 from skinrender.analysis.table1 import PAPER_PHOTONS, paper_options
+from skinrender.analysis.tool import options, tool
 
 METHODS = ("point", "beam")
 DETAIL = 100
@@ -45,9 +46,10 @@ def draw(pictures: Sequence[tuple[str, Path]], path: Path) -> None:
     save(figure, path)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+@tool
+def main(arguments: Sequence[str] | None) -> None:
     """Render figure 10 by point and beam as the paper does, then at the defaults for as long as each took."""
-    parser = argparse.ArgumentParser(description=__doc__.split(":")[0])
+    parser = options(__doc__)
     parser.add_argument("-o", "--output", type=Path, default=Path("out/noise"), help="folder to write to")
     parser.add_argument("--scene", type=Path, default=Path("configs/fig10_forearm.yaml"), help="scene to render")
     parser.add_argument("--photons", type=float, default=PAPER_PHOTONS, help="photons stored at the paper's settings")
@@ -65,4 +67,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

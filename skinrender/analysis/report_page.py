@@ -20,6 +20,7 @@ from skinrender.analysis.plots import as_bytes
 from skinrender.analysis.report_findings import Findings
 from skinrender.analysis.report_plots import draw_color_noise, draw_errors, draw_pictures, draw_stages
 from skinrender.engine.clock import cpu_name
+from skinrender.files import printable
 
 LIBRARIES = ("skinrender", "numpy", "numba", "scipy", "scikit-image", "colour-science", "OpenEXR", "matplotlib")
 DEFINITIONS = (
@@ -208,7 +209,7 @@ def _settings(study: Study, findings: Sequence[Findings], command: str) -> Itera
         pixels = " × ".join(str(n) for n in subject.scene.camera.pixels)
         rows.append((
             subject.label,
-            f"{subject.path}, hash {subject.identity}; {pixels} pixels, {len(subject.scene.wavelength_nm)} bands; photons {counts}; "
+            f"{printable(subject.path)}, hash {subject.identity}; {pixels} pixels, {len(subject.scene.wavelength_nm)} bands; photons {counts}; "
             f"seeds {seeds}; reference {found.reference.identity} by {found.reference.kind}",
         ))  # fmt: skip
     yield html.table(("", ""), rows, text_columns=2)

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import csv
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from skinrender.analysis.tool import options, tool
 from skinrender.errors import InputError
 
 STAGES = ("load", "trace", "estimate", "total")
@@ -82,18 +83,15 @@ def _ratio(point: float | None, beam: float | None) -> str:
     return f"{point / beam:.2f}" if point is not None and beam else ""
 
 
-def main(arguments: list[str]) -> int:
-    """Print the table of two folders; returns the exit code."""
-    if len(arguments) != 2:
-        print(__doc__, file=sys.stderr)
-        return 2
-    try:
-        print(table(*(seconds_of(Path(folder)) for folder in arguments)))
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    return 0
+@tool
+def main(arguments: Sequence[str] | None) -> None:
+    """Print the table of two folders."""
+    parser = options(__doc__)
+    for method in ("point", "beam"):
+        parser.add_argument(method, type=Path, metavar=f"{method.upper()}_DIR", help=f"folder of a render by {method}")
+    wanted = parser.parse_args(arguments)
+    print(table(seconds_of(wanted.point), seconds_of(wanted.beam)))
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

@@ -10,6 +10,8 @@ from typing import Any
 
 import click
 
+from skinrender.files import printable
+
 Row = tuple[str, str]
 
 
@@ -45,7 +47,7 @@ class Console:
     def result(self, summary: Mapping[str, Any], rows: Iterable[Row]) -> None:
         """Print the result: the summary in JSON, or rows of (label, value) as a table."""
         if self.as_json:
-            click.echo(json.dumps(_finite(summary), indent=2, ensure_ascii=False, allow_nan=False))
+            click.echo(printable(json.dumps(_finite(summary), indent=2, ensure_ascii=False, allow_nan=False)))
         elif not self.quiet:
             click.echo(aligned(rows))
 
@@ -76,15 +78,6 @@ def with_error(pair: Mapping[str, float | None]) -> str:
 def seconds_row(seconds: Mapping[str, float]) -> Row:
     """Seconds by stage."""
     return "seconds", ", ".join(f"{stage} {spent:.2f}" for stage, spent in seconds.items())
-
-
-def bytes_text(count: float) -> str:
-    """A size as people read it."""
-    for unit in ("bytes", "kB", "MB", "GB"):
-        if count < 1000:
-            return f"{count:.3g} {unit}"
-        count /= 1000
-    return f"{count:.3g} TB"
 
 
 def _finite(value: Any) -> Any:

@@ -74,6 +74,7 @@ def export(
       skinrender export configs/slab_red_matched.yaml --to mitsuba --band 650
     """
     from skinrender.cli.job import open_job
+    from skinrender.scene import about
 
     _check_options(program, {"--band": bands_nm, "--voxel-um": voxel_um, "--picture": picture, "--samples": samples})
     job = open_job(scene_path, overrides, output, console)
@@ -83,7 +84,8 @@ def export(
         "nrrd": lambda: _nrrd(job),
         "tiff": lambda: _tiff(job, picture),
     }
-    files, notes, told = writers[program]()
+    with about(job.scene):
+        files, notes, told = writers[program]()
     summary = {
         "program": program,
         **told,

@@ -8,8 +8,9 @@ from typing import Any
 
 import click
 
-from skinrender.cli.console import Console, Row, bytes_text, with_error
+from skinrender.cli.console import Console, Row, with_error
 from skinrender.cli.options import reporting
+from skinrender.files import bytes_text
 
 
 @click.command()

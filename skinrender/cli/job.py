@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING
 
 from skinrender.cli.console import Console
 from skinrender.errors import InputError
+from skinrender.files import printable
 
 if TYPE_CHECKING:
     from skinrender.engine.clock import StageClock
     from skinrender.scene import Scene
+    from skinrender.scene.overrides import Override
 
 _NO_SUCH_NAME = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOENT)
 """What the system says of folders that cannot be, whoever asks."""
@@ -81,7 +83,7 @@ class Job:
         append_timing(self.out / "timing.csv", seconds, command=command, workers=workers or os.cpu_count() or 1)
 
 
-def open_job(scene_path: Path, overrides: Iterable[str], output: Path | None, console: Console) -> Job:
+def open_job(scene_path: Path, overrides: Iterable[str | Override], output: Path | None, console: Console) -> Job:
     """Read the scene and make its folder; raises `InputError` where either is impossible."""
     from skinrender.engine.clock import StageClock
     from skinrender.scene import load_scene
@@ -94,15 +96,18 @@ def open_job(scene_path: Path, overrides: Iterable[str], output: Path | None, co
 
 
 def command_line() -> str:
-    """The command as it was given; what is no text, in a file name of another encoding, becomes ``?``."""
+    """The command as it was given, as text."""
     import shlex
     import sys
 
-    return shlex.join(["skinrender", *sys.argv[1:]]).encode("utf-8", "replace").decode()
+    return printable(shlex.join(["skinrender", *sys.argv[1:]]))
 
 
 def make_folder(path: Path) -> Path:
-    """The folder, made if need be."""
+    """The folder, made if need be; raises `InputError` where it cannot be, or has a name that pictures cannot be in."""
+    if printable(path) != str(path):
+        # OpenEXR takes names in UTF-8 only, and what JSON and pages say of the files must be text.
+        raise InputError("its name is not UTF-8", where=f"-o {printable(path)}", remedy="name a folder whose name is text")
     try:
         path.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError):

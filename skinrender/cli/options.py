@@ -6,11 +6,14 @@ import functools
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from skinrender.cli.console import Console
+
+if TYPE_CHECKING:
+    from skinrender.scene.overrides import Override
 
 
 class Count(click.ParamType):
@@ -144,12 +147,16 @@ def on_cluster(function: Callable) -> Callable:
 
 def as_overrides(
     *, photons: int | None = None, seed: int | None = None, method: str | None = None, gather_count: int | None = None
-) -> tuple[str, ...]:
+) -> tuple[Override, ...]:
     """Options that stand for scene values, as overrides; they come after, and so win over, those of --set."""
+    from skinrender.scene.overrides import Override
+
     values = {
-        "photons.stored": photons,
-        "photons.seed": seed,
-        "estimate.method": method,
-        "estimate.gather_count": gather_count,
+        "--photons": ("photons.stored", photons),
+        "--seed": ("photons.seed", seed),
+        "--method": ("estimate.method", method),
+        "--gather-count": ("estimate.gather_count", gather_count),
     }
-    return tuple(f"{key}={value}" for key, value in values.items() if value is not None)
+    return tuple(
+        Override(f"{key}={value}", f"{option} {value}") for option, (key, value) in values.items() if value is not None
+    )

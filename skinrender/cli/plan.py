@@ -9,8 +9,9 @@ from typing import Any
 
 import click
 
-from skinrender.cli.console import Console, Row, bytes_text, seconds_row
+from skinrender.cli.console import Console, Row, seconds_row
 from skinrender.cli.options import Count, as_overrides, on_scene, reporting, with_workers
+from skinrender.files import bytes_text
 
 
 @click.command()

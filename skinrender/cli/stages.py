@@ -8,9 +8,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from skinrender.cli.console import Row, bytes_text, with_error
+from skinrender.cli.console import Row, with_error
 from skinrender.cli.current import estimate_provenance
 from skinrender.cli.job import Job
+from skinrender.files import bytes_text
 
 if TYPE_CHECKING:
     from skinrender.engine.cluster import Cluster

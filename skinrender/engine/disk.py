@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from skinrender.errors import RunError
+from skinrender.files import bytes_text
 
 KEPT = "finished rounds are kept: free some room or make the folder writable, then go on with --resume"
 
@@ -17,7 +18,7 @@ def check_free_space(folder: Path, needed_bytes: float) -> None:
     free = shutil.disk_usage(folder).free
     if needed_bytes > free:
         raise RunError(
-            f"{folder}: the run needs about {_readable(needed_bytes)}, the disk has {_readable(free)} left\n"
+            f"{folder}: the run needs about {bytes_text(needed_bytes)}, the disk has {bytes_text(free)} left\n"
             "  free some room, choose another disk with -o, or lower photons.stored"
         )
 
@@ -33,11 +34,3 @@ def disk_errors(folder: Path) -> Iterator[None]:
         if isinstance(error.__cause__, OSError) and KEPT not in str(error):
             raise RunError(f"{error}\n  {KEPT}") from error.__cause__
         raise
-
-
-def _readable(count: float) -> str:
-    for unit in ("bytes", "kB", "MB", "GB"):
-        if count < 1000:
-            return f"{count:.3g} {unit}"
-        count /= 1000
-    return f"{count:.3g} TB"

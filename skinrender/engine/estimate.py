@@ -32,7 +32,7 @@ from skinrender.estimate.stream import depths_bytes
 from skinrender.estimate.surface import surface_bytes
 from skinrender.film.spectral_image import SpectralImage
 from skinrender.photonmap.photon_map import PhotonMap
-from skinrender.scene import Scene
+from skinrender.scene import Scene, about
 from skinrender.skin.memory import require_memory
 from skinrender.skin.regions import regions_of
 from skinrender.skin.volume import SkinVolume
@@ -137,12 +137,13 @@ def open_view(
 ) -> View:
     """The view of a scene's camera, if memory holds its picture of photons in so many rounds."""
     gather_count = gather_count or scene.estimate.gather_count
-    view = View(scene, volume, method or scene.estimate.method, gather_count, threads)
-    require_memory(
-        estimate_bytes(scene, volume, view.method, rounds, threads),
-        f"a picture of {' x '.join(map(str, scene.camera.pixels))} pixels in {len(volume.wavelength_nm)} bands",
-        where="camera.pixels", remedy="Use fewer pixels or bands.",
-    )  # fmt: skip
+    with about(scene):
+        view = View(scene, volume, method or scene.estimate.method, gather_count, threads)
+        require_memory(
+            estimate_bytes(scene, volume, view.method, rounds, threads),
+            f"a picture of {' x '.join(map(str, scene.camera.pixels))} pixels in {len(volume.wavelength_nm)} bands",
+            key=("camera", "pixels"), remedy="Use fewer pixels or bands.",
+        )  # fmt: skip
     return view
 
 
@@ -159,7 +160,8 @@ def estimate_bytes(scene: Any, volume: SkinVolume, method: str, rounds: int, thr
     slabs, regions = len(depth_edges(volume, method)) - 1, regions_of(volume).count
     rays = transmittance_subpixels(volume) ** 2 * pixels
     held = sum(paths_bytes(q, slabs, regions, bands) + lattice_bytes(q, slabs) for q in {pixels, rays})
-    of_method = (beam_bytes if method == "beam" else point_bytes)(pixels, rays, slabs, bands, rounds, threads)
+    counts = pixels, rays, slabs, bands, rounds
+    of_method = beam_bytes(*counts) if method == "beam" else point_bytes(*counts, threads)
     return filled + held + max(depths_bytes(rays, slabs, bands) + of_method, after)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from skinrender.engine.crew import WORTH_A_POOL, is_worth_a_pool
-from skinrender.engine.rounds import equal_share
+from skinrender.engine.rounds import uniform_share
 from skinrender.engine.view import (
     surface_subpixels,
     transmittance_subpixels,
@@ -124,7 +124,7 @@ def _periodic(p: Planned) -> Feature:
 
 
 def _bands(p: Planned) -> Feature:
-    walked, bands = int(np.count_nonzero(equal_share(p.photon_pass.power_per_band_aimed))), p.photon_pass.bands
+    walked, bands = int(np.count_nonzero(uniform_share(p.photon_pass.power_per_band_aimed))), p.photon_pass.bands
     told = f"{walked} of {bands} bands carry light and are walked"
     return Feature("spectrum", walked > 1, told if bands > 1 else "one band")
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -48,7 +47,6 @@ class Ledger:
         self.stored = 0
         self.counts: np.ndarray | None = None
         self._per_band, self._total = Batches(), Batches()
-        self._began = time.monotonic()
 
     def add(self, walked: Any) -> None:
         """Enter the next round, anything with the members of `store.RoundCounts`; only these are kept.
@@ -63,11 +61,6 @@ class Ledger:
         self.rounds.append(counts)
         self._per_band.add(fractions)
         self._total.add(self._weights(counts.tallies) @ fractions)
-
-    @property
-    def seconds(self) -> float:
-        """Since this ledger was opened."""
-        return time.monotonic() - self._began
 
     @property
     def fractions(self) -> np.ndarray:

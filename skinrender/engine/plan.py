@@ -169,7 +169,7 @@ class _TriedPass:
 
 def _try_pass(recipe: HeldRecipe, photons: Any) -> _TriedPass:
     """Plan the rounds and walk a little of one; photons: the scene's ``photons``."""
-    first_seconds, (run, rounds) = timed(lambda: plan_run(recipe, photons.seed, photons.stored))
+    first_seconds, (run, rounds) = timed(lambda: plan_run(recipe, photons.seed, photons.stored, photons.wavelengths))
 
     def prepare() -> PhotonPass:
         photon_pass = recipe.build(photons.seed)

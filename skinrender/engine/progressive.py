@@ -24,11 +24,13 @@ from skinrender.engine.interrupt import Interrupt, listen
 from skinrender.engine.recipe import Recipe
 from skinrender.engine.run import Run, plan_run
 from skinrender.engine.summary import TraceSummary
-from skinrender.errors import InputError
+from skinrender.engine.work import photon_pass
+from skinrender.errors import SceneError
 from skinrender.estimate.scatter_image import pooled
 from skinrender.film.spectral_image import SpectralImage
 from skinrender.photonmap.from_rounds import map_from_rounds
 from skinrender.photonmap.photon_pass import Round
+from skinrender.scene import about
 from skinrender.skin.volume import SkinVolume
 
 ROUND_STORED = 200_000
@@ -124,14 +126,11 @@ def render_until(
     InputError : a wanted gather count, which only a known number of photons can have.
     Interrupted : by SIGINT or SIGTERM; the last picture shown stays.
     """
-    if scene.estimate.gather_count is not None:
-        raise InputError(
-            "a picture that grows has no number of photons to take a gather count from", where="estimate.gather_count",
-            remedy="leave it out, or give a number of photons instead of an error or a time",
-        )  # fmt: skip
+    with about(scene, "estimate"):
+        _refuse_gather_count(scene)
     clock, threads = clock or StageClock(), threads or os.cpu_count() or 1
     with clock.stage("load"):
-        run, plan = plan_run(recipe, scene.photons.seed, FIRST_ROUNDS * 2 * ROUND_STORED)
+        run, plan = plan_run(recipe, scene.photons.seed, FIRST_ROUNDS * 2 * ROUND_STORED, scene.photons.wavelengths)
         walker = _Walker(run, threads, progress)
     view = open_view(scene, volume, FIRST_ROUNDS, threads=threads)
     ledger, parts, scattered, error = run.new_ledger(), [], None, None
@@ -157,11 +156,19 @@ def render_until(
     return replace(run.summary(ledger), seconds=clock.seconds)
 
 
+def _refuse_gather_count(scene: Any) -> None:
+    if scene.estimate.gather_count is not None:
+        raise SceneError(
+            "a picture that grows has no number of photons to take a gather count from", key=("gather_count",),
+            remedy="leave it out, or give a number of photons instead of an error or a time",
+        )  # fmt: skip
+
+
 class _Walker:
     """Walks rounds on threads; the kernels release the interpreter lock."""
 
     def __init__(self, run: Run, threads: int, progress: bool):
-        self.photon_pass = run.recipe.build(run.seed)
+        self.photon_pass = photon_pass(run.recipe, run.seed)
         self._histories = run.histories
         self._threads = threads
         self._hide = None if progress else True

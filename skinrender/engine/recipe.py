@@ -44,7 +44,7 @@ class HeldRecipe:
 
     @property
     def provenance(self) -> Mapping[str, Any]:
-        return _provenance("0" * 64, self.light, self.roulette)
+        return _provenance(f"{id(self.volume):064x}", self.light, self.roulette)
 
     def build(self, seed: int) -> Any:
         from skinrender.photonmap.photon_pass import PhotonPass

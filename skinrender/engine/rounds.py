@@ -18,14 +18,17 @@ import numpy as np
 from skinrender.engine.executor import in_order
 from skinrender.engine.ledger import Ledger
 from skinrender.engine.stop import MIN_ROUNDS, Stop
+from skinrender.film.color import color_sensitivity
 
 PILOT_SEED = 0x70696C6F74
 PILOT_ROUNDS = 16
-PILOT_HISTORIES = 2048
+PILOT_HISTORIES = 1024
 PILOT_PROBE = 64
 """Part of a pilot's round that is walked first, lest the round not fit into memory."""
 PILOT_STORED_ENOUGH = 1 << 22
 USUAL_ROUNDS = 40
+LEAST_SHARE = 0.2
+"""Histories of any lit band, relative to the band that has most."""
 ROUND_STORED_MAX = 1 << 23
 """Bounds a worker's memory: 143 MB of photons."""
 ROUND_HISTORIES_MAX = 1 << 24
@@ -143,10 +146,21 @@ def plan_rounds(pilot: Pilot, share: np.ndarray, stored_wanted: int) -> RoundPla
     )
 
 
-def equal_share(power_per_band: np.ndarray) -> np.ndarray:
+def uniform_share(power_per_band: np.ndarray) -> np.ndarray:
     """As many histories in every band that carries power (paper, section 7.1: wavelengths drawn uniformly)."""
     power = np.asarray(power_per_band)
     return (power > 0).astype(np.float64) if (power > 0).any() else np.ones(len(power))
+
+
+def visible_share(power_per_band: np.ndarray, wavelength_nm: np.ndarray) -> np.ndarray:
+    """More histories in the bands by which a picture has its color, and some in all.
+
+    The root of a band's `color_sensitivity`, at least `LEAST_SHARE`. In proportion to the sensitivity itself the noise of
+    luminance would be the same, but that of color a sixth higher, and the ends of the spectrum would starve.
+    """
+    sensitivity = color_sensitivity(wavelength_nm, power_per_band)
+    root = np.sqrt(sensitivity / sensitivity.max())
+    return uniform_share(power_per_band) * np.maximum(root, LEAST_SHARE)
 
 
 def rounds_until(

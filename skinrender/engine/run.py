@@ -17,10 +17,10 @@ from skinrender.engine.identity import machine_identity, program_identity
 from skinrender.engine.interrupt import listen
 from skinrender.engine.ledger import Ledger
 from skinrender.engine.recipe import Recipe
-from skinrender.engine.rounds import PILOT_SEED, RoundPlan, equal_share, plan_rounds, run_pilot
+from skinrender.engine.rounds import PILOT_SEED, RoundPlan, plan_rounds, run_pilot, uniform_share, visible_share
 from skinrender.engine.stop import Stop, StoredCount, described
 from skinrender.engine.summary import TraceSummary, summarize
-from skinrender.engine.work import WalkRound
+from skinrender.engine.work import WalkRound, photon_pass
 from skinrender.photonmap.photon_map import FORMAT_VERSION
 from skinrender.photonmap.store import MapHeader, map_bytes, round_bytes
 
@@ -63,17 +63,19 @@ class Run:
         return summarize(ledger, self.header.wavelength_nm, self.header.layer_name, seconds)
 
 
-def plan_run(recipe: Recipe, seed: int, stored: float, share: np.ndarray | None = None) -> tuple[Run, RoundPlan]:
+def plan_run(recipe: Recipe, seed: int, stored: float, wavelengths: str = "uniform") -> tuple[Run, RoundPlan]:
     """Walk the pilot and plan the rounds.
 
     Parameters
     ----------
     recipe, seed : of the photon pass.
     stored : photons wanted.
-    share : (B,) histories of each band relative to the largest; by default the same in all bands that carry power.
+    wavelengths : "uniform" or "visible", how histories are shared among the bands, see `rounds`.
     """
-    pilot_pass = recipe.build(PILOT_SEED)
-    share = equal_share(pilot_pass.power_per_band_aimed) if share is None else share
+    pilot_pass = photon_pass(recipe, PILOT_SEED)
+    power = pilot_pass.power_per_band_aimed
+    wavelength_nm = recipe.describe(pilot_pass)["wavelength_nm"]
+    share = uniform_share(power) if wavelengths == "uniform" else visible_share(power, wavelength_nm)
     plan = plan_rounds(run_pilot(pilot_pass, share), share, int(stored))
     return Run(recipe, seed, plan.histories, _header(recipe, seed, plan.histories, plan.stored_wanted, pilot_pass)), plan
 
@@ -91,7 +93,7 @@ def count_light(
     crew : who does the work; by default this process.
     """
     histories = np.asarray(histories, np.int64)
-    run = Run(recipe, seed, histories, _header(recipe, seed, histories, 0, recipe.build(seed)))
+    run = Run(recipe, seed, histories, _header(recipe, seed, histories, 0, photon_pass(recipe, seed)))
     ledger, clock = run.new_ledger(), StageClock()
     with listen() as interrupt, clock.stage("trace"):
         (crew or Crew(workers=1)).walk(run.work(None), itertools.count(), ledger, stop, interrupt)

@@ -70,26 +70,6 @@ class StandardError:
         return bool(np.all((events < 1) | (error <= self.events_relative * events)))
 
 
-@dataclass(frozen=True)
-class TimeLimit:
-    """The time is over; at least two rounds are done, so that there is a standard error."""
-
-    seconds: float
-
-    def met(self, ledger: Ledger) -> bool:
-        return len(ledger.rounds) >= 2 and ledger.seconds >= self.seconds
-
-
-@dataclass(frozen=True)
-class AnyOf:
-    """The first of several."""
-
-    rules: tuple[Stop, ...]
-
-    def met(self, ledger: Ledger) -> bool:
-        return any(rule.met(ledger) for rule in self.rules)
-
-
 def described(stop: Stop) -> dict[str, Any]:
     """A rule in JSON, for provenance."""
     return {"rule": type(stop).__name__} | asdict(stop)

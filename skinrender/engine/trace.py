@@ -92,7 +92,8 @@ def trace(
             try:
                 with clock.stage("load"):
                     recipe = recipe or scene_recipe(scene, volume_path)
-                    run, plan = plan_run(recipe, scene.photons.seed, scene.photons.stored)
+                    photons = scene.photons
+                    run, plan = plan_run(recipe, photons.seed, photons.stored, photons.wavelengths)
                 with clock.stage("trace"), listen() as interrupt:
                     if shard is None:
                         stop = stop or StoredCount(plan.stored_wanted)

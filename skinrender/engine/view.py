@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from skinrender.errors import InputError
+from skinrender.errors import InputError, SceneError
 from skinrender.estimate.beam import estimate_beam
-from skinrender.estimate.guide import Guides, color_patterns, patterns
+from skinrender.estimate.guide import Guides, color_patterns, patterns, side_patterns
 from skinrender.estimate.lattice import RayLattice, fit_plane, make_lattice
 from skinrender.estimate.point import estimate_point, march_edges
 from skinrender.estimate.radius import COLOR_WIDER, WIDEST_MM, at_columns, is_alike, lesion_absorbance
@@ -33,6 +33,7 @@ from skinrender.film.color import exposure_for, y_weights
 from skinrender.film.spectral_image import SpectralImage
 from skinrender.photonmap.light import Light, light_from_scene
 from skinrender.photonmap.photon_map import PhotonMap
+from skinrender.scene import about
 from skinrender.skin.regions import regions_of
 from skinrender.skin.volume import SkinVolume
 
@@ -69,8 +70,8 @@ class View:
         if self.method not in METHODS:
             raise InputError(f"got {self.method!r}; allowed: {', '.join(METHODS)}", where="--method")
         if why := why_no_picture(self.volume):
-            raise InputError(
-                f"there is no picture: {why}", where="inner_borders",
+            raise SceneError(
+                f"there is no picture: {why}", key=("inner_borders",),
                 remedy="use `inner_borders: matched`, or a flat relief and no border wave",
             )  # fmt: skip
 
@@ -117,6 +118,7 @@ class View:
             through = at_columns(np.exp(-absorbance), rays.entry, volume.size_mm)
             return [] if is_alike(absorbance) else [in_pixels(through)]
 
+        pixel_entry = stream.pixel_mean(rays.entry.T)[:2].T
         height, lamp = None, []
         if volume.has_relief:
             height = in_pixels(rays.entry[:, 2])
@@ -126,6 +128,7 @@ class View:
             relief=patterns(lamp, height, *grid),
             lesion=patterns(let_through(WIDEST_MM), None, *grid),
             color=color_patterns(let_through(COLOR_WIDER * WIDEST_MM), *grid),
+            sides=[] if volume.sides == "periodic" else side_patterns(pixel_entry, volume.size_mm, stream.shape),
         )
         return found if any(map(len, found)) else None
 
@@ -182,7 +185,8 @@ class View:
         center = irradiance(self.light, np.array([0.5 * length for length in size]), size, True)
         if not center.any():  # a pencil, or a beam beside the center: exposed for its mean over the patch
             center = self.light.power_aimed_per_band(size) / np.prod(size)
-        _check_range(float(center.sum()))
+        with about(self.scene):
+            _check_range(float(center.sum()))
         return exposure_for(center, self.volume.wavelength_nm)
 
     @cached_property
@@ -273,8 +277,8 @@ def _check_range(irradiance: float) -> None:
     """A picture is float32: radiance near its limits would become infinite or 0."""
     low, high = IRRADIANCE_W_PER_MM2
     if not low <= irradiance <= high:
-        raise InputError(
-            f"its irradiance on the patch is {irradiance:.3g} W/mm2; pictures hold {low:g} to {high:g}", where="light",
+        raise SceneError(
+            f"its irradiance on the patch is {irradiance:.3g} W/mm2; pictures hold {low:g} to {high:g}", key=("light",),
             remedy="change its power or its distance",
         )  # fmt: skip
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -17,7 +17,7 @@ from skinrender.engine.recipe import Recipe, VolumeFile, VolumeRecipe
 from skinrender.errors import InputError
 from skinrender.photonmap.store import RoundCounts, read_round, round_path, write_round
 
-_built: tuple[str, Any] | None = None
+_built: tuple[Mapping[str, Any], Any] | None = None
 _one_builds = threading.Lock()
 
 
@@ -67,7 +67,7 @@ class WalkRound:
 
     def walk(self, index: int) -> Any:
         """A walked round (a `photon_pass.Round`), with its photons if they are to be stored."""
-        walked = photon_pass(self.recipe, self.seed, self.key).walk(index, self.histories, self.folder is not None)
+        walked = photon_pass(self.recipe, self.seed).walk(index, self.histories, self.folder is not None)
         check_counts(walked)
         return walked
 
@@ -85,10 +85,10 @@ def _walk_in(work: WalkRound, index: int, volume_path: Path | None) -> Any:
     return work.walk(index)
 
 
-def photon_pass(recipe: Recipe, seed: int, key: str) -> Any:
-    """The pass of a recipe; the one used last is kept, so a process prepares it once, whatever its threads."""
+def photon_pass(recipe: Recipe, seed: int) -> Any:
+    """The pass of a recipe; the one used last is kept, so a process prepares it once, whatever its threads and seeds."""
     global _built
     with _one_builds:
-        if _built is None or _built[0] != key:
-            _built = (key, recipe.build(seed))
-        return _built[1]
+        if _built is None or _built[0] != recipe.provenance:
+            _built = (recipe.provenance, recipe.build(seed))
+        return _built[1].seeded(seed)

@@ -27,7 +27,7 @@ _PARTS = 8
 order of a sum decides how it is rounded."""
 
 
-def beam_bytes(pixels: int, rays: int, slabs: int, bands: int, rounds: int, threads: int) -> int:
+def beam_bytes(pixels: int, rays: int, slabs: int, bands: int, rounds: int) -> int:
     """What `estimate_beam` holds beside its stream: slab images, worths of rays, luminance of batches, the picture."""
     images = 2 * (_PARTS + 1) + 4  # those of parts are float64
     batches = 4 * min(rounds, MOST_BATCHES)
@@ -50,7 +50,7 @@ def estimate_beam(
     batches = batches_of(stream.photon_map.rounds)
     radiance = np.zeros((h, w, len(bands)), np.float32)
     luminance = None if kernels.color is None else np.zeros((h, w, len(bands)))
-    restores_color = luminance is not None and guides is not None and guides.color
+    restores_color = luminance is not None and guides is not None and len(guides.color) + len(guides.sides) > 0
     changes = guides.of_color(kernels.color) if restores_color else None
     noise = _Noise(np.zeros((len(batches), h * w)), np.zeros(len(batches)))
     noisy = None if guides is None else np.zeros((h, w, len(bands)))

@@ -10,7 +10,7 @@ from skinrender.estimate.connect_flat import photon_weight, survives
 from skinrender.estimate.deposit import image_range, unpack_direction, voxel_of
 from skinrender.estimate.film_plane import pixel_of_point, pixels_per_area
 from skinrender.estimate.ray_mesh import entering_ray, find_rays, reach_in_plane
-from skinrender.transport import allocating_kernel, kernel
+from skinrender.transport import allocating_kernel, inlined_kernel, kernel
 from skinrender.transport.fresnel import fresnel, refract
 from skinrender.transport.height_field import first_hit
 from skinrender.transport.optical_depth import add_optical_depth
@@ -34,6 +34,24 @@ def is_free(heights, cells, lx, ly, highest, entry, inside, point, length, sag):
     if length > 0.0 and first_hit(heights, cells, lx, ly, x, y, z, -dx, -dy, -dz, length, 1.0) >= 0.0:
         return False
     return first_hit(heights, cells, lx, ly, a, b, h, -ux, -uy, -uz, (h - highest) / uz, -1.0) < 0.0
+
+
+@inlined_kernel
+def connect_ray(film, heights, lx, ly, eta, a, b, entry_z, spread, z, flight, anisotropy, weight):
+    """What a photon at z that flies along `flight` adds by a view ray, but for what the way takes (see `deposit_relief`).
+
+    Returns the pixel (-1: none), entry and inside as `is_free` takes them, the way's length inside, and the value.
+    """
+    h, ux, uy, uz, nx, ny, nz, cos_i, distance = entering_ray(film, heights, lx, ly, a, b)
+    entry = (a, b, h, ux, uy, uz, nx, ny, nz)
+    pixel = pixel_of_point(film, a, b, h)
+    if pixel < 0 or cos_i <= 0.0:
+        return -1, entry, (ux, uy, uz), 0.0, 0.0
+    reflectance, cos_t = fresnel(cos_i, eta)
+    dx, dy, dz = refract(ux, uy, uz, nx, ny, nz, eta, cos_i, cos_t)
+    area = pixels_per_area(film, ux, uy, uz, distance) * cos_i / nz * spread / dz
+    phase = phase_hg(-(flight[0] * dx + flight[1] * dy + flight[2] * dz), anisotropy)
+    return pixel, entry, (dx, dy, dz), max(0.0, z - entry_z) / dz, weight * phase * (1.0 - reflectance) * eta * eta * area
 
 
 @allocating_kernel
@@ -70,7 +88,7 @@ def deposit_relief(
         if z >= tissue.deepest:
             continue
         x, y = np.float64(position[i, 0]), np.float64(position[i, 1])
-        vx, vy, vz = unpack_direction(direction[i, 0], direction[i, 1])
+        flight = unpack_direction(direction[i, 0], direction[i, 1])
         anisotropy = tissue.g[voxel_of(tissue.palette_index, tissue.z_edges, lx, ly, x, y, z)]
         weight = photon_weight(keep, tissue.z_edges[0], z)
         if periodic:
@@ -82,23 +100,17 @@ def deposit_relief(
                 px, py = x + kx * lx, y + ky * ly
                 for k in range(find_rays(mesh, px, py, z, stack, found)):
                     a, b, entry_z, spread = found[k]
-                    h, ux, uy, uz, nx, ny, nz, cos_i, distance = entering_ray(film, heights, lx, ly, a, b)
-                    pixel = pixel_of_point(film, a, b, h)
-                    if pixel < 0 or cos_i <= 0.0:
+                    pixel, entry, inside, length, value = connect_ray(
+                        film, heights, lx, ly, eta, a, b, entry_z, spread, z, flight, anisotropy, weight
+                    )
+                    if pixel < 0:
                         continue
-                    reflectance, cos_t = fresnel(cos_i, eta)
-                    dx, dy, dz = refract(ux, uy, uz, nx, ny, nz, eta, cos_i, cos_t)
-                    length = max(0.0, z - entry_z) / dz
-                    area = pixels_per_area(film, ux, uy, uz, distance) * cos_i / nz * spread / dz
-                    phase = phase_hg(-(vx * dx + vy * dy + vz * dz), anisotropy)
-                    value = weight * phase * (1.0 - reflectance) * eta * eta * area
                     chance = survives(value * math.exp(-tissue.clearest * length), least, number + i - first, k)
                     if chance == 0.0 or not is_free(
-                        heights, cells, lx, ly, highest, (a, b, h, ux, uy, uz, nx, ny, nz), (dx, dy, dz), (px, py, z),
-                        length, mesh.sag_mm,
-                    ):  # fmt: skip
+                        heights, cells, lx, ly, highest, entry, inside, (px, py, z), length, mesh.sag_mm
+                    ):
                         continue
-                    tau[0] = 0.0
+                    tau[0], (dx, dy, dz) = 0.0, inside
                     add_optical_depth(
                         tissue.palette_index, tissue.z_edges, lx, ly, tissue.mu_t, a, b, entry_z, dx, dy, dz, length,
                         tau

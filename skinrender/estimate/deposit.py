@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from skinrender.estimate.lattice import SEVERAL_RAYS, bin_of
-from skinrender.transport import allocating_kernel, entry_kernel, kernel
+from skinrender.transport import allocating_kernel, entry_kernel, inlined_kernel, kernel
 from skinrender.transport.height_field import height
 from skinrender.transport.optical_depth import edges_above
 from skinrender.transport.phase import phase_hg
@@ -168,6 +168,20 @@ def add_light(image, y_image, factor, y_weight, slab, pixel, value):
     return shown
 
 
+@inlined_kernel
+def add_to_each(
+    light, k, slab, cell, entry, start, rays, region, ray_direction, worth, pixel_of, factor, y_weight, image, y_image
+):
+    """Enters a block's photon k into the pixels of all rays of its bin; returns the light so far with theirs."""
+    for j in range(start[slab, cell], start[slab, cell + 1]):
+        q = np.int64(rays[slab, j])
+        value = connect(
+            slab, q, entry[k, 0], entry[k, 1], entry[k, 2], entry[k, 3], entry[k, 5], region, ray_direction, worth
+        )
+        light += add_light(image, y_image, factor, y_weight, slab, np.int64(pixel_of[q]), entry[k, 4] * value)
+    return light
+
+
 @allocating_kernel
 def deposit(
     position, direction, first, last, keep, z_top, lx, ly, periodic, relief, edges, region, to_lattice, bounds,
@@ -222,14 +236,11 @@ def deposit(
                 ray[k] = pixel_of[q]
             elif q == SEVERAL_RAYS:
                 cell = cell_of[k, 1]
-                for j in range(start[slab, cell], start[slab, cell + 1]):
-                    q = np.int64(rays[slab, j])
-                    value = connect(
-                        slab, q, entry[k, 0], entry[k, 1], entry[k, 2], entry[k, 3], entry[k, 5], region, ray_direction,
-                        worth,
-                    )  # fmt: skip
-                    light += add_light(image, y_image, factor, y_weight, slab, np.int64(pixel_of[q]), entry[k, 4] * value)
-                    contributions += 1
+                contributions += start[slab, cell + 1] - start[slab, cell]
+                light = add_to_each(
+                    light, k, slab, cell, entry, start, rays, region, ray_direction, worth, pixel_of, factor, y_weight,
+                    image, y_image,
+                )  # fmt: skip
         for k in range(n):
             if ray[k] >= 0:
                 light += add_light(image, y_image, factor, y_weight, cell_of[k, 0], ray[k], entry[k, 0])

@@ -88,10 +88,9 @@ def fit_plane(point: np.ndarray, cell: np.ndarray) -> np.ndarray:
     About the points' mean and in units of their spread, so that neither place nor size costs digits.
     """
     middle, spread = point.mean(axis=0), np.ptp(point, axis=0).max()
-    local = np.column_stack([(point - middle) / spread, np.ones(len(point))])
-    solution, *_ = np.linalg.lstsq(local, cell, rcond=None)
-    linear = solution.T[:, :2] / spread
-    return np.column_stack([linear, solution.T[:, 2] - linear @ middle])
+    local, centered = (point - middle) / spread, cell - cell.mean(axis=0)
+    linear = np.linalg.solve(local.T @ local, local.T @ centered).T / spread
+    return np.column_stack([linear, cell.mean(axis=0) - linear @ middle])
 
 
 def _fit_bins(point: np.ndarray, hit: np.ndarray, shape: tuple[int, int], plane: np.ndarray) -> np.ndarray:
@@ -99,7 +98,8 @@ def _fit_bins(point: np.ndarray, hit: np.ndarray, shape: tuple[int, int], plane:
     if not hit.any():
         return plane
     cell = np.column_stack(np.divmod(np.flatnonzero(hit), shape[1])).astype(float)
-    if np.linalg.matrix_rank(cell - cell[0]) == 2:
+    spread = cell - cell.mean(axis=0)
+    if np.linalg.matrix_rank(spread.T @ spread) == 2:
         return fit_plane(point[hit], cell)
     shift = (cell - point[hit] @ plane[:, :2].T).mean(axis=0)
     return np.column_stack([plane[:, :2], shift])

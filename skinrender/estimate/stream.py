@@ -181,7 +181,8 @@ class Band:
     @cached_property
     def slabs(self) -> int:
         """Slabs within the visible depth of this band; light from below them is less than 0.02 %."""
-        clearest = self.tau[:, self.stream.lattice.rays.hit].min(axis=1, initial=np.inf)
+        hit = self.stream.lattice.rays.hit
+        clearest = (self.tau if hit.all() else self.tau[:, hit]).min(axis=1, initial=np.inf)
         return max(1, int(np.searchsorted(clearest[:-1], VISIBLE_DEPTH)))
 
     @cached_property

@@ -77,7 +77,7 @@ def even_labels(volume: SkinVolume) -> Labels:
     count = _even_count(edges)
     nx, ny, _ = volume.shape
     require_memory(
-        2 * nx * ny * count, f"{nx} x {ny} x {count} voxels of even height", where="patch.columns",
+        2 * nx * ny * count, f"{nx} x {ny} x {count} voxels of even height", key=("patch", "columns"),
         remedy="use fewer columns, or layers that are not so unlike in thickness",
     )  # fmt: skip
     height = (edges[-1] - edges[0]) / count
@@ -148,7 +148,7 @@ def require_grid(shape: Sequence[float]) -> None:
     """Raise InputError where the coefficients of so many voxels are more than memory holds."""
     require_memory(
         20 * int(np.prod(shape, dtype=float)), "a grid of {:.4g} x {:.4g} x {:.4g} voxels".format(*shape),
-        where="--voxel-um", remedy="use larger voxels, or fewer columns",
+        key=("patch", "columns"), remedy="use larger cubes (for mcx by --voxel-um), or fewer columns",
     )  # fmt: skip
 
 

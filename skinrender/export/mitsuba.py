@@ -61,7 +61,7 @@ def write_mitsuba(
     band, regions = band_index(volume, band_nm), regions_of(volume)
     n = regions.index[:, band]
     view = ET.Element("view")
-    notes = [*_notes(volume, n), *add_light(view, light, volume, band, bool(n[0] != n[1]))]
+    notes = [*_notes(volume, n), *add_light(view, light, band, bool(n[0] != n[1]))]
     add_sensor(view, camera, volume.size_mm)
     medium = _medium_on_grid(volume, band)
     notes += _phase_notes(volume, band)

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from skinrender.errors import InputError
+from skinrender.errors import SceneError
 from skinrender.export.xml import add, add_look_at, add_number
 from skinrender.film.camera import image_plane
 from skinrender.photonmap.light import CollimatedLight, Light, PointLight
-from skinrender.skin.volume import SkinVolume
 
 LAMP_RADIUS = 0.05
 """Of the sphere that stands for a point light, relative to its height."""
@@ -21,7 +20,7 @@ SPOT_DISTANCE = 100.0
 _START_MM = 20.0
 
 
-def add_light(parent: ET.Element, light: Light, volume: SkinVolume, band: int, refracts: bool) -> list[str]:
+def add_light(parent: ET.Element, light: Light, band: int, refracts: bool) -> list[str]:
     """Add the scene's light; returns what is otherwise in Mitsuba.
 
     refracts : whether the surface does. Mitsuba's paths end in a light that they hit by chance or that they see; through a
@@ -34,7 +33,7 @@ def add_light(parent: ET.Element, light: Light, volume: SkinVolume, band: int, r
     if isinstance(light, PointLight):
         return _add_lamp(parent, light, band, refracts)
     if isinstance(light, CollimatedLight):
-        return _add_beam(parent, light, volume, band, refracts)
+        return _add_beam(parent, light, band, refracts)
     sky = add(parent, "emitter", type="constant")
     _add_emission(sky, "radiance", light.radiance[band])
     return []
@@ -45,9 +44,9 @@ def add_sensor(parent: ET.Element, camera: Any, size_mm: tuple[float, float]) ->
     center, (right, down, axis), (width, height), pinhole = image_plane(camera, size_mm)
     columns, rows = camera.pixels
     if not math.isclose(width / columns, height / rows, rel_tol=1e-6):
-        raise InputError(
+        raise SceneError(
             f"pixels of {width / columns:.4g} x {height / rows:.4g} mm are not square, which Mitsuba needs",
-            where="camera.pixels", remedy="choose `camera.window_mm` in the ratio of `camera.pixels`",
+            key=("camera", "pixels"), remedy="choose `camera.window_mm` in the ratio of `camera.pixels`",
         )  # fmt: skip
     sensor = add(parent, "sensor", type="orthographic" if pinhole is None else "perspective")
     if pinhole is None:
@@ -87,11 +86,11 @@ def _add_lamp(parent: ET.Element, light: PointLight, band: int, refracts: bool) 
             "path finds a point"]  # fmt: skip
 
 
-def _add_beam(parent: ET.Element, light: CollimatedLight, volume: SkinVolume, band: int, refracts: bool) -> list[str]:
+def _add_beam(parent: ET.Element, light: CollimatedLight, band: int, refracts: bool) -> list[str]:
     if light.radius_mm == 0.0 or refracts:
         what = "a pencil of light" if light.radius_mm == 0.0 else "parallel light on a surface that refracts"
-        raise InputError(
-            f"Mitsuba's path tracer cannot find {what}", where="light",
+        raise SceneError(
+            f"Mitsuba's path tracer cannot find {what}", key=("light",),
             remedy="use a sky or point light, or a beam of some radius with `outside.refractive_index` as the tissue's",
         )  # fmt: skip
     if light.radius_mm is None:

@@ -73,6 +73,22 @@ def shows_color(wavelength_nm: np.ndarray, light: np.ndarray) -> bool:
     return bool(np.all(_BRADFORD @ _white(cmf, light) > _LEAST_CONE_RESPONSE))
 
 
+def color_sensitivity(wavelength_nm: np.ndarray, light: np.ndarray) -> np.ndarray:
+    """(B,) how far L*a*b* moves, per relative change of the light of one band; the same for all without color.
+
+    CIELAB's derivatives at white (CIE 15:2004): dL* = 116/3 dY/Y, da* = 500/3 (dX/X - dY/Y), db* = 200/3 (dY/Y - dZ/Z).
+
+    Parameters
+    ----------
+    light : (B,) share of the light per band, in any scale.
+    """
+    if not shows_color(wavelength_nm, light):
+        return np.ones(len(wavelength_nm))
+    xyz = np.asarray(light, dtype=float)[:, np.newaxis] * color_matching(wavelength_nm)
+    x, y, z = (xyz / xyz.sum(axis=0)).T
+    return np.sqrt((116 * y) ** 2 + (500 * (x - y)) ** 2 + (200 * (y - z)) ** 2) / 3
+
+
 def encode_srgb(rgb: np.ndarray) -> tuple[np.ndarray, float]:
     """8-bit sRGB of linear RGB, and the fraction of pixels that had to be clipped (IEC 61966-2-1)."""
     rgb = np.asarray(rgb, dtype=float)

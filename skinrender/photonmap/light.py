@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from skinrender.errors import InputError
+from skinrender.errors import SceneError
 from skinrender.optics.illuminants import band_weights
+from skinrender.scene import about
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,9 @@ def light_from_scene(scene: Any) -> Light:
     """
     light, size_mm = scene.light, tuple(scene.patch.size_mm)
     is_file = light.spectrum.lower().endswith((".csv", ".txt"))
-    weights = band_weights(scene.path(light.spectrum) if is_file else light.spectrum, np.asarray(scene.wavelength_nm))
+    spectrum = scene.path(light.spectrum) if is_file else light.spectrum
+    with about(scene, "light", "spectrum"):
+        weights = band_weights(spectrum, np.asarray(scene.wavelength_nm))
     if light.kind == "sky":
         return SkyLight(light.radiance_W_per_mm2_sr * weights)
     center = (0.5 * size_mm[0], 0.5 * size_mm[1])
@@ -93,7 +96,8 @@ def light_from_scene(scene: Any) -> Light:
     direction = flight_direction(light.zenith_deg, light.azimuth_deg)
     total = light.power_W if light.radius_mm == 0.0 else light.irradiance_W_per_mm2
     beam = CollimatedLight(direction, total * weights, light.radius_mm, position)
-    _check_footprint(beam, size_mm)
+    with about(scene, "light"):
+        _check_footprint(beam, size_mm)
     return beam
 
 
@@ -117,8 +121,8 @@ def _check_footprint(beam: CollimatedLight, size_mm: tuple[float, float]) -> Non
     stretch = beam.direction[:2] / beam.direction[2]
     reach = beam.radius_mm * np.sqrt(1.0 + stretch**2)
     if np.any(beam.position_mm - reach < 0.0) or np.any(beam.position_mm + reach > size_mm):
-        raise InputError(
+        raise SceneError(
             f"the beam of radius {beam.radius_mm:g} mm at {tuple(beam.position_mm.tolist())} reaches beyond the patch",
-            where="light.radius_mm",
+            key=("radius_mm",),
             remedy="make it smaller, move it, or leave radius_mm out to light the whole patch",
         )

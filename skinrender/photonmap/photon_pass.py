@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -95,8 +96,15 @@ class PhotonPass:
         self.power_per_band_aimed = light.power_aimed_per_band(volume.size_mm)
         self.depth_table: DepthTable = (keep_visible if roulette else keep_all)(volume)
         self._medium = lru_cache(maxsize=None)(self._make_medium)
+        self._majorant = lru_cache(maxsize=None)(self._make_majorant)
         self._grid = lru_cache(maxsize=2)(self._make_grid)
         self._expected = 0  # photons of the round before: the next one's arrays begin as large
+
+    def seeded(self, seed: int) -> PhotonPass:
+        """The same pass with another seed; they share what is prepared for each band."""
+        other = copy.copy(self)
+        other.seed = seed
+        return other
 
     @property
     def bands(self) -> int:
@@ -140,7 +148,10 @@ class PhotonPass:
 
     def stiffness(self, band: int) -> str | None:
         """Why a band is walked in float64; None where float32 will do."""
-        return stiffness(make_majorant(self._plane_mu_t(band), self._z_edges)[0], self._z_edges)
+        return stiffness(self._majorant(band)[0], self._z_edges)
+
+    def _make_majorant(self, band: int) -> tuple[np.ndarray, np.ndarray]:
+        return make_majorant(self._plane_mu_t(band), self._z_edges)
 
     def _plane_mu_t(self, band: int) -> np.ndarray:
         """Largest extinction of each plane, 1/mm."""
@@ -150,11 +161,11 @@ class PhotonPass:
     def _make_medium(self, band: int) -> tuple[Medium, type]:
         v = self.volume
         mu_a, mu_s = v.mu_a[:, band], v.mu_s[:, band]
-        plane_mu_t = self._plane_mu_t(band)
-        real = self.real or block_type(make_majorant(plane_mu_t, self._z_edges)[0], self._z_edges)
+        majorant, plane_slab = self._majorant(band)
+        real = self.real or block_type(majorant, self._z_edges)
         layer = np.maximum(v.palette_layer.astype(np.int32) - 1, 0)
         medium = make_medium(
-            self._grid(real), plane_mu_t, mu_a, mu_s, v.g[:, band], layer, len(self.layer_names), self._borders(band),
+            self._grid(real), majorant, plane_slab, mu_a, mu_s, v.g[:, band], layer, len(self.layer_names), self._borders(band),
             self._z_edges, v.shape[:2], v.z_edges_mm[0], real,
         )  # fmt: skip
         return medium, real

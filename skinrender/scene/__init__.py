@@ -1,6 +1,7 @@
 """The YAML scene: what a user writes, checked, as frozen models."""
 
 from skinrender.scene.load import load_scene, make_scene
+from skinrender.scene.places import about
 from skinrender.scene.provenance import BUILD_PARTS, ESTIMATE_PARTS, TRACE_PARTS, scene_hash
 from skinrender.scene.schema import Scene, json_schema
 
@@ -9,6 +10,7 @@ __all__ = [
     "ESTIMATE_PARTS",
     "TRACE_PARTS",
     "Scene",
+    "about",
     "json_schema",
     "load_scene",
     "make_scene",

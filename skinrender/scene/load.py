@@ -10,9 +10,10 @@ from typing import Any
 from pydantic import ValidationError
 
 from skinrender.errors import InputError
+from skinrender.files import printable
 from skinrender.scene.checks import cross_problems, presence_problems
 from skinrender.scene.messages import validation_problems
-from skinrender.scene.overrides import apply_overrides
+from skinrender.scene.overrides import Override, apply_overrides
 from skinrender.scene.problems import raise_problems
 from skinrender.scene.schema import Scene
 from skinrender.scene.yaml_source import Source, read_source
@@ -25,7 +26,7 @@ _STAND_INS: dict[str, Any] = {
 }
 
 
-def load_scene(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
+def load_scene(path: str | Path, overrides: Iterable[str | Override] = ()) -> Scene:
     """Read and check a scene file.
 
     Parameters
@@ -49,8 +50,7 @@ def load_scene(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
             remedy="write 'key: value' lines; see the shipped scenes in configs/",
         )
     apply_overrides(source, overrides)
-    # A file name of another encoding holds what is no text.
-    source.data.setdefault("name", path.stem.encode("utf-8", "replace").decode())
+    source.data.setdefault("name", printable(path.stem))
     return _checked(source, path.resolve().parent)
 
 
@@ -71,7 +71,7 @@ def make_scene(data: dict[str, Any], *, source_dir: str | Path = ".") -> Scene:
 
 
 def _checked(source: Source, source_dir: Path) -> Scene:
-    data, context = source.data, {"source_dir": source_dir}
+    data, context = source.data, {"source_dir": source_dir, "marks": source.marks}
     problems = [*source.problems, *presence_problems(data)]
     wrong: frozenset[str] = frozenset()
     try:

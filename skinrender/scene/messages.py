@@ -231,5 +231,9 @@ def _lengths(node: dict[str, Any], what: str, unit: str) -> str:
 
 def _bounds(node: dict[str, Any]) -> str:
     names = (("exclusiveMinimum", ">"), ("minimum", ">="), ("exclusiveMaximum", "<"), ("maximum", "<="))
-    bounds = [f"{sign} {node[name]:.15g}" for name, sign in names if name in node]
+    bounds = [f"{sign} {_number(node[name])}" for name, sign in names if name in node]
     return " " + " and ".join(bounds) if bounds else ""
+
+
+def _number(bound: float) -> str:
+    return str(bound) if isinstance(bound, int) else f"{bound:.15g}"

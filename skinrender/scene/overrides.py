@@ -1,9 +1,9 @@
-"""`--set key.path=value`: single values given on the command line in place of the scene file's."""
+"""`key.path=value`: single values given on the command line, by --set or an option, in place of the scene file's."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from skinrender.errors import InputError
@@ -11,21 +11,37 @@ from skinrender.scene.problems import Mark, told
 from skinrender.scene.yaml_source import Source, parse_source
 
 
-def apply_overrides(source: Source, overrides: Iterable[str]) -> None:
-    """Put each override into the source's data; sections that are absent are made.
+@dataclass(frozen=True)
+class Override:
+    """A value in place of the scene file's.
+
+    Parameters
+    ----------
+    text : `key.path=value`.
+    option : what the user wrote, as messages tell it, e.g. `--photons 1e6`.
+    """
+
+    text: str
+    option: str
+
+
+def apply_overrides(source: Source, overrides: Iterable[str | Override]) -> None:
+    """Put each override into the source's data; sections that are absent are made. A text alone stands for `--set` of it.
 
     Raises
     ------
     InputError
         When an override is not `key.path=value`, its value is not YAML, or its path leads through a plain value.
     """
-    for text in overrides:
-        where = f"--set {text}"
+    for override in overrides:
+        if isinstance(override, str):
+            override = Override(override, f"--set {override}")
+        text, where = override.text, override.option
         key, equals, value_text = text.partition("=")
         steps = tuple(step.strip() for step in key.split("."))
         if not equals or not all(steps):
             raise InputError(
-                "an override is key.path=value", where=where, remedy="for example --set photons.stored=1e6"
+                "an override is key.path=value", where=where, remedy="for example --set light.height_mm=50"
             )
         given = parse_source(value_text, where, numbered=False)
         source.problems += [replace(problem, path=(*steps, *problem.path)) for problem in given.problems]

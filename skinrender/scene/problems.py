@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 
 from skinrender.errors import InputError
 
@@ -22,6 +22,13 @@ class Mark:
 
 
 @dataclass(frozen=True)
+class Places:
+    """The marks of a scene's values, by path. Any two are equal: a scene is what it holds, wherever that stands."""
+
+    marks: Mapping[tuple[str, ...], Mark] = field(default_factory=dict, compare=False)
+
+
+@dataclass(frozen=True)
 class Problem:
     """One mistake: path of the key, what is wrong and what to do, and where if known."""
 
@@ -29,20 +36,24 @@ class Problem:
     text: str
     mark: Mark | None = None
 
-    def located(self, marks: dict[tuple[str, ...], Mark]) -> Problem:
+    def located(self, marks: Mapping[tuple[str, ...], Mark]) -> Problem:
         """With the mark of the path, or of the nearest section around it."""
         if self.mark is not None:
             return self
-        lengths = range(len(self.path), -1, -1)
-        mark = next((marks[self.path[:n]] for n in lengths if self.path[:n] in marks), None)
-        return Problem(self.path, self.text, mark)
+        return Problem(self.path, self.text, nearest_mark(self.path, marks))
 
     def __str__(self) -> str:
         parts = (str(self.mark) if self.mark else "", ".".join(self.path), self.text)
         return ": ".join(part for part in parts if part)
 
 
-def raise_problems(problems: Iterable[Problem], marks: dict[tuple[str, ...], Mark]) -> None:
+def nearest_mark(path: tuple[str, ...], marks: Mapping[tuple[str, ...], Mark]) -> Mark | None:
+    """The mark of a path, or of the nearest section around it."""
+    lengths = range(len(path), -1, -1)
+    return next((marks[path[:n]] for n in lengths if path[:n] in marks), None)
+
+
+def raise_problems(problems: Iterable[Problem], marks: Mapping[tuple[str, ...], Mark]) -> None:
     """Raise one InputError that tells all problems, in the order of the file; nothing if there are none."""
     located = [problem.located(marks) for problem in problems]
     # Overrides (line 0) come after the file's own lines.

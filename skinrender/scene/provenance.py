@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from skinrender.errors import InputError
+from skinrender.scene.places import about
 from skinrender.scene.schema import Scene
 from skinrender.scene.schema_lesion import INKS
 from skinrender.scene.schema_light import ILLUMINANTS
@@ -44,8 +45,9 @@ def scene_hash(scene: Scene, parts: Iterable[str]) -> str:
     values = scene.model_dump(mode="json")
     chosen = {part: _value(values, part) for part in parts}
     digest = hashlib.sha256(json.dumps(chosen, sort_keys=True).encode())
-    for file in _files(scene, parts):
-        digest.update(hashlib.sha256(_bytes(file)).digest())
+    for key, file in _files(scene, parts):
+        with about(scene, *key):
+            digest.update(hashlib.sha256(_bytes(scene.path(file))).digest())
     return digest.hexdigest()
 
 
@@ -55,15 +57,16 @@ def _value(values: dict, part: str) -> object:
     return values
 
 
-def _files(scene: Scene, parts: list[str]) -> Iterator[Path]:
+def _files(scene: Scene, parts: list[str]) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    """Keys and names of the files."""
     if "lesions" in parts:
-        yield from (scene.path(lesion.pattern) for lesion in scene.lesions)
-        inks = (lesion.ink for lesion in scene.lesions if lesion.kind == "tattoo")
-        yield from (scene.path(ink) for ink in inks if ink not in INKS)
+        yield from ((("lesions", i, "pattern"), lesion.pattern) for i, lesion in enumerate(scene.lesions))
+        inks = ((i, lesion.ink) for i, lesion in enumerate(scene.lesions) if lesion.kind == "tattoo")
+        yield from ((("lesions", i, "ink"), ink) for i, ink in inks if ink not in INKS)
     if "light" in parts and scene.light.spectrum not in ILLUMINANTS:
-        yield scene.path(scene.light.spectrum)
+        yield ("light", "spectrum"), scene.light.spectrum
     if "relief" in parts and scene.relief.kind == "height_map":
-        yield scene.path(scene.relief.file)
+        yield ("relief", "file"), scene.relief.file
 
 
 def _bytes(file: Path) -> bytes:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, PrivateAttr, model_validator
 
+from skinrender.scene.problems import Places, nearest_mark
 from skinrender.scene.schema_base import Flag, Part, Seed, Text, whole
 from skinrender.scene.schema_camera import Camera, Finish, OrthographicCamera
 from skinrender.scene.schema_lesion import Lesion
@@ -27,6 +29,11 @@ class Photons(Part):
     )
     seed: Seed = Field(1, description="seed of the photons' histories")
     roulette: Flag = Field(True, description="store fewer of the photons that hardly show, with a higher weight")
+    wavelengths: Literal["uniform", "visible"] = Field(
+        "uniform",
+        description="as many histories in every band, or more in the bands by which a picture has its color: half the time "
+        "to the same noise of color, twice the noise of the bands at the ends of the spectrum",
+    )
 
 
 class Estimate(Part):
@@ -76,6 +83,7 @@ class Scene(Part):
     estimate: Estimate = Field(Estimate(), description="the radiance estimate")
 
     _source_dir: Path = PrivateAttr(default=Path("."))
+    _places: Places = PrivateAttr(default=Places())
 
     @model_validator(mode="before")
     @classmethod
@@ -86,7 +94,7 @@ class Scene(Part):
 
     def model_post_init(self, context: Any) -> None:
         if context:
-            self._source_dir = Path(context["source_dir"])
+            self._source_dir, self._places = Path(context["source_dir"]), Places(context["marks"])
 
     @property
     def source_dir(self) -> Path:
@@ -97,6 +105,11 @@ class Scene(Part):
     def wavelength_nm(self) -> tuple[float, ...]:
         """Wavelengths of the bands, ascending."""
         return band_wavelengths(self.bands_nm)
+
+    def place(self, key: Sequence[str | int]) -> str | None:
+        """``file:line:col`` of a value, or of the nearest section around it; None where the scene has no file."""
+        mark = nearest_mark(tuple(map(str, key)), self._places.marks)
+        return None if mark is None else str(mark)
 
     def path(self, file: str) -> Path:
         """Place of a file that the scene names, relative to the scene file."""

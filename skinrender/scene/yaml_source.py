@@ -15,6 +15,7 @@ from typing import ClassVar
 import yaml
 
 from skinrender.errors import InputError
+from skinrender.files import printable
 from skinrender.scene.problems import Mark, Problem, told
 
 MAX_BYTES = 1_000_000
@@ -213,7 +214,10 @@ def _scalar(node: yaml.ScalarNode, path: tuple[str, ...], source: Source, mark: 
     try:
         match kind:
             case "str":
-                return text
+                if (kept := printable(text)) != text:
+                    problem = f"got {told(text)}, half of a surrogate pair; write the character itself, or as \\U0001F600"
+                    source.problems.append(Problem(path, problem, mark))
+                return kept
             case "null":
                 return None
             case "bool":

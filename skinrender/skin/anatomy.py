@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from skinrender.errors import InputError
+from skinrender.errors import InputError, SceneError
 from skinrender.optics import chromophores
 from skinrender.optics.tables import read_rows, spectrum_on_bands
 from skinrender.optics.tissue import Tissue, tissue_optics
@@ -142,7 +142,7 @@ def slab_layers(described: Sequence[object]) -> tuple[LayerSpec, ...]:
     names = [layer.name for layer in layers]
     for name in names:
         if names.count(name) > 1 or name == "air":
-            raise InputError(f"the layer name {name!r} is taken", where="slab.layers", remedy="Give each its own.")
+            raise SceneError(f"the layer name {name!r} is taken", key=("slab", "layers"), remedy="Give each its own.")
     return layers
 
 
@@ -171,7 +171,7 @@ def _overridden(layer: LayerSpec, override: object) -> LayerSpec:
     try:
         tissue = replace(layer.tissue, **composition)
     except InputError as error:
-        raise InputError(str(error), where=f"skin.layers.{layer.name}") from error
+        raise SceneError(str(error), key=("skin", "layers", layer.name)) from error
     return replace(
         layer,
         thickness_mm=layer.thickness_mm if thickness_um is None else thickness_um / 1000,

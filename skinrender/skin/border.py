@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skinrender.errors import InputError
+from skinrender.errors import SceneError
 from skinrender.skin.anatomy import EPIDERMIS, LayerSpec, border_depths
 from skinrender.skin.relief import shaped_noise
 from skinrender.skin.spline import control_points, evaluate_grid
@@ -159,7 +159,7 @@ def fold(layers: Sequence[LayerSpec], displacement_mm: float) -> Fold:
 
     Raises
     ------
-    InputError : the relief is deeper than the layers.
+    SceneError : the relief is deeper than the layers.
     """
     names = [layer.name for layer in layers]
     bottoms = border_depths([layer.thickness_mm for layer in layers])[1:]
@@ -168,10 +168,10 @@ def fold(layers: Sequence[LayerSpec], displacement_mm: float) -> Fold:
     first = names.index("subpapillary") if "subpapillary" in names else len(epidermal)
     fitting = [float(b) for b in bottoms[first:] if b > top and b - top >= _ROOM * displacement_mm]
     if not fitting:
-        raise InputError(
+        raise SceneError(
             f"the relief goes {1000 * displacement_mm:.0f} um down, the layers below it end at "
             f"{1000 * bottoms[-1]:.0f} um",
-            where="relief",
+            key=("relief",),
             remedy="Use a shallower relief or thicker layers.",
         )
     if "granular_spinous" not in names or "basal" not in names:

@@ -9,9 +9,15 @@ import numpy as np
 
 from skinrender.optics.inks import ink_absorption, ink_names
 from skinrender.optics.tables import spectrum_on_bands
-from skinrender.scene import BUILD_PARTS, Scene, scene_hash, schema_lesion
+from skinrender.scene import BUILD_PARTS, Scene, about, scene_hash, schema_lesion
 from skinrender.skin.anatomy import LayerSpec, border_depths, skin_layers, slab_layers
-from skinrender.skin.dermis import depth_of_layers_mm, range_of_layers_mm, require_in_dermis
+from skinrender.skin.dermis import (
+    center_of_layers,
+    depth_of_layers_mm,
+    range_of_layers_mm,
+    require_in_dermis,
+    voxel_layer_names,
+)
 from skinrender.skin.heights import Heights, scene_heights
 from skinrender.skin.macule import DermalMacule
 from skinrender.skin.memory import require_memory
@@ -41,6 +47,11 @@ def build_volume(scene: Scene) -> SkinVolume:
     InputError : a pattern or height map is unusable, the relief is deeper than the layers, or the volume does not fit
         into memory (found before it is made).
     """
+    with about(scene):
+        return _built(scene)
+
+
+def _built(scene: Scene) -> SkinVolume:
     layers = scene_layers(scene)
     columns = tuple(scene.patch.columns)
     _check_memory(columns, sum(layer.voxel_layers for layer in layers))
@@ -83,22 +94,31 @@ def scene_inks(scene: Scene) -> tuple[str, ...]:
     return tuple(dict.fromkeys(lesion.ink for lesion in scene.lesions if lesion.kind == "tattoo"))
 
 
+def _ink_key(scene: Scene, ink: str) -> tuple[str | int, ...]:
+    """Key of the first lesion's ink of that name."""
+    first = next(i for i, lesion in enumerate(scene.lesions) if lesion.kind == "tattoo" and lesion.ink == ink)
+    return "lesions", first, "ink"
+
+
 def _darkened(scene: Scene, layers: Sequence[LayerSpec]) -> VoxelStack:
-    columns, inks = tuple(scene.patch.columns), scene_inks(scene)
+    columns, inks, names = tuple(scene.patch.columns), scene_inks(scene), voxel_layer_names(layers)
     epidermal, dermal, tattoos = [], [], []
-    for lesion in scene.lesions:
+    for i, lesion in enumerate(scene.lesions):
         scale = lesion.volume_fraction if lesion.kind == "tattoo" else lesion.melanin_scale
-        p = read_pattern(scene.path(lesion.pattern), columns, scale)
-        match lesion.kind:
-            case "epidermal":
-                epidermal.append(p)
-            case "dermal":
-                dermal.append(DermalMacule(p, lesion.center_layer, lesion.half_layers))
-            case "mole":
-                epidermal.append(p)
-                dermal.append(Nests(p, _nest_depth_mm(lesion, layers), lesion.dermal_share))
-            case "tattoo":
-                tattoos.append(Tattoo(p, inks.index(lesion.ink), _ink_depth_mm(lesion, layers)))
+        with about(scene, "lesions", i, "pattern"):
+            p = read_pattern(scene.path(lesion.pattern), columns, scale)
+        with about(scene, "lesions", i):
+            match lesion.kind:
+                case "epidermal":
+                    epidermal.append(p)
+                case "dermal":
+                    center_of_layers(names, lesion.center_layer)  # raises here, where the lesion's place is known
+                    dermal.append(DermalMacule(p, lesion.center_layer, lesion.half_layers))
+                case "mole":
+                    epidermal.append(p)
+                    dermal.append(Nests(p, _nest_depth_mm(lesion, layers), lesion.dermal_share))
+                case "tattoo":
+                    tattoos.append(Tattoo(p, inks.index(lesion.ink), _ink_depth_mm(lesion, layers)))
     return voxel_stack(layers, columns, epidermal, dermal, tattoos)
 
 
@@ -131,7 +151,8 @@ def _optics(
         n.append(np.broadcast_to(optics.refractive_index, wavelength_nm.shape))
     for k, ink in enumerate(inks):
         known = ink in ink_names()
-        mu_a += palette.ink[:, k, None] * ink_absorption(ink if known else scene.path(ink), wavelength_nm)
+        with about(scene, *_ink_key(scene, ink)):
+            mu_a += palette.ink[:, k, None] * ink_absorption(ink if known else scene.path(ink), wavelength_nm)
     below = scene.below.refractive_index
     n_below = n[-1] if below is None else spectrum_on_bands(below, wavelength_nm, where="below.refractive_index")
     fresnel = why_matched(scene, flat) is None
@@ -239,6 +260,6 @@ def _check_memory(columns: tuple[int, int], voxel_layers: int, borders: int = 0)
     require_memory(
         columns[0] * columns[1] * (2 * voxel_layers + 8 * borders),
         f"a volume of {columns[0]} x {columns[1]} x {voxel_layers} voxels",
-        where="patch.columns",
+        key=("patch", "columns"),
         remedy="Use fewer columns or voxel layers.",
     )

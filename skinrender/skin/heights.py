@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from skinrender.errors import InputError
-from skinrender.scene import Scene
+from skinrender.scene import Scene, about
 from skinrender.skin import border, relief
 from skinrender.skin.aging import aging
 from skinrender.skin.anatomy import LayerSpec, border_depths
@@ -75,7 +75,7 @@ def scene_heights(scene: Scene, layers: Sequence[LayerSpec]) -> Heights | None:
     require_memory(
         heights_bytes(samples, len(layers)),
         f"a height field of {samples[0]} x {samples[1]} samples",
-        where="patch.size_mm" if scene.relief.kind == "height_map" else "relief",
+        key=("patch", "size_mm") if scene.relief.kind == "height_map" else ("relief",),
         remedy="Use a smaller patch, fewer samples, or a flat relief and border_wave.",
     )
     surface = _surface(scene, samples)
@@ -109,7 +109,8 @@ def _surface(scene: Scene, samples: tuple[int, int]) -> np.ndarray | None:
     if described.kind == "flat":
         return None
     if described.kind == "height_map":
-        return relief.height_map(_read_heights_um(scene), samples)
+        with about(scene, "relief", "file"):
+            return relief.height_map(_read_heights_um(scene), samples)
     noise = described.noise_um, described.seed
     if described.families is not None:
         return relief.furrowed(described.families, size_mm, samples, *noise)

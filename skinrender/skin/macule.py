@@ -13,6 +13,7 @@ import numpy as np
 
 from skinrender.errors import InputError
 from skinrender.skin.anatomy import DERMIS
+from skinrender.skin.dermis import center_of_layers
 
 _TIE = 1e-9
 """Keeps 9 x 0.5 at 4.5 when the product comes out as 4.4999999999999996."""
@@ -72,15 +73,8 @@ def darken_dermis(
     below it gain the largest pattern value, at most to 1, within the dermis; n_i = round(n p / p_max) with
     n = ``half_layers`` (paper section 6, equation 1).
     """
-    center = _of(names, "reticular")[-1] - (center_layer - 1)
+    center = center_of_layers(names, center_layer)
     dermis = [i for i, name in enumerate(names) if name in DERMIS]
-    if center not in dermis:
-        bottom = _of(names, "reticular")[-1]
-        raise InputError(
-            f"center_layer {center_layer} lies outside the dermis",
-            where="lesions",
-            remedy=f"Use 1 to {bottom + 1 - dermis[0]}; 1 is the lowest voxel layer of the reticular layer.",
-        )
     largest = float(p.max(initial=0.0))
     if largest <= 0:
         return melanin.copy(), -1
@@ -110,5 +104,5 @@ def merge_below(layer: np.ndarray, height_mm: np.ndarray, lowest: int) -> tuple[
 def _of(names: Sequence[str], wanted: str) -> list[int]:
     found = [i for i, name in enumerate(names) if name == wanted]
     if not found:
-        raise InputError(f"a macule needs a layer named {wanted}", where="lesions")
+        raise InputError(f"a macule needs a layer named {wanted}")
     return found

@@ -6,7 +6,7 @@ import os
 import resource
 from pathlib import Path
 
-from skinrender.errors import InputError
+from skinrender.errors import SceneError
 
 
 def available_bytes() -> int:
@@ -29,12 +29,9 @@ def peak_bytes() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
-def require_memory(needed_bytes: int, what: str, where: str, remedy: str) -> None:
-    """Raise InputError when ``what`` takes more memory than there is."""
+def require_memory(needed_bytes: int, what: str, *, key: tuple[str, ...], remedy: str) -> None:
+    """Raise SceneError when ``what``, which follows from the scene's value of that key, takes more memory than there is."""
     available = available_bytes()
     if needed_bytes > available:
-        raise InputError(
-            f"{what} takes {needed_bytes / 1e9:.1f} GB of memory, {available / 1e9:.1f} GB are free",
-            where=where,
-            remedy=remedy,
-        )
+        told = f"{what} takes {needed_bytes / 1e9:.1f} GB of memory, {available / 1e9:.1f} GB are free"
+        raise SceneError(told, key=key, remedy=remedy)

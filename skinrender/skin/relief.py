@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skinrender.errors import InputError
+from skinrender.errors import SceneError
 from skinrender.skin.aging import YOUNG, Aging
 
 SAMPLE_MM = 0.025
@@ -157,9 +157,9 @@ def _family_depth_um(
     per_patch = -np.sin(angle) * size_mm[0], np.cos(angle) * size_mm[1]
     turns = [round(length / family.spacing_mm) for length in per_patch]
     if turns == [0, 0]:
-        raise InputError(
+        raise SceneError(
             f"furrows {family.spacing_mm:g} mm apart do not fit on a patch of {size_mm[0]:g} x {size_mm[1]:g} mm",
-            where="relief.families",
+            key=("relief", "families"),
             remedy="Use a smaller spacing_mm or a larger patch.",
         )
     x, y = ((np.arange(n) + 0.5) / n for n in samples)

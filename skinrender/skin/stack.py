@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skinrender.errors import InputError
+from skinrender.errors import SceneError
 from skinrender.skin.anatomy import LayerSpec, border_depths
 from skinrender.skin.macule import DermalMacule, darken_epidermis, merge_below
 from skinrender.skin.mole import Nests
@@ -60,9 +60,9 @@ class VoxelStack:
         code = _coded(contents)
         used, first = np.unique(code, return_index=True)
         if used.size >= MAX_PALETTE:
-            raise InputError(
+            raise SceneError(
                 f"the lesions make {used.size} different contents of voxels, more than {MAX_PALETTE - 1}",
-                where="lesions",
+                key=("lesions",),
                 remedy="Use fewer lesions over each other, or patterns of fewer gray levels.",
             )
         layer, melanin, *ink = (np.concatenate([[0], content[first]]) for content in contents)

@@ -4,8 +4,8 @@ The surface is the uniform biquadratic B-spline whose control points `heights[i,
 ((i + 0.5) lx / hx, (j + 0.5) ly / hy) and repeat with the periods lx, ly: continuous with its normal, one polynomial
 patch a cell. Lengths are in mm, z points down, so f = z - h(x, y) is positive inside the tissue.
 
-Along a straight flight f is a quartic inside a cell. `first_hit` isolates its first sign change by the Bernstein
-form's variation-diminishing property, so no crossing slips between samples however thin the ridge.
+Along a straight flight f is a quartic inside a cell. `first_hit` isolates its first sign change (see `quartic`), so no
+crossing slips between samples however thin the ridge.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ import math
 import numpy as np
 
 from skinrender.transport import inlined_kernel, kernel
+from skinrender.transport.optical_depth import lateral_exit
+from skinrender.transport.quartic import first_sign_change
 
 LIFT_MM = 1e-12
 """A start on the surface is lifted this far to its own side: more than rounding, less than the accuracy of a hit."""
@@ -22,9 +24,7 @@ LIFT_MM = 1e-12
 START_TOLERANCE_MM = 1e-5
 """A start at most this far on the wrong side is put on the surface (positions may have been float32)."""
 
-_HIT_TOLERANCE_MM = 1e-11
 _NEIGHBORS = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
-_MAX_LEVEL = 30
 
 
 def cell_bounds(heights: np.ndarray) -> np.ndarray:
@@ -159,8 +159,8 @@ def first_hit(heights, cells, lx, ly, x, y, z, ux, uy, uz, s_max, side):
         cy -= 1
     s_in = 0.0
     while s_in < s_max:
-        next_x = _exit(gx, dx, cx)
-        next_y = _exit(gy, dy, cy)
+        next_x = lateral_exit(gx, dx, cx)
+        next_y = lateral_exit(gy, dy, cy)
         s_out = max(s_in, min(min(next_x, next_y), s_max))
         z_in, z_out = z + uz * s_in, z + uz * s_out
         i = cx if 0 <= cx < hx else cx % hx
@@ -185,16 +185,6 @@ def first_hit(heights, cells, lx, ly, x, y, z, ux, uy, uz, s_max, side):
 
 
 @kernel
-def _exit(position, velocity, cell):
-    """Path at which the flight leaves the cell along one axis."""
-    if velocity > 0.0:
-        return (cell + 1 - position) / velocity
-    if velocity < 0.0:
-        return (cell - position) / velocity
-    return math.inf
-
-
-@kernel
 def _first_crossing_in_cell(heights, i, j, a_in, a_out, b_in, b_out, z_in, z_out, side):
     """Fraction t in [0, 1] of the chord at which side * f first turns negative, or -1."""
     hx, hy = heights.shape
@@ -213,7 +203,7 @@ def _first_crossing_in_cell(heights, i, j, a_in, a_out, b_in, b_out, z_in, z_out
     h3 = 0.5 * (u1 * p2 + v1 * q2 + w1 * r2 + u2 * p1 + v2 * q1 + w2 * r1)
     h4 = u2 * p2 + v2 * q2 + w2 * r2
     rise = 0.25 * (z_out - z_in)
-    return _first_sign_change(
+    return first_sign_change(
         side * (z_in - h0),
         side * (z_in + rise - h1),
         side * (z_in + 2.0 * rise - h2),
@@ -240,87 +230,3 @@ def _blend_row(heights, i, j, hy, b_in, b_out):
     middle = u * c0 + v * c1 + w * c2
     u, v, w = _blossom(b_out, b_out)
     return first, middle, u * c0 + v * c1 + w * c2
-
-
-@kernel
-def _first_sign_change(b0, b1, b2, b3, b4):
-    """First t in [0, 1] at which the quartic with these Bernstein coefficients turns negative, or -1.
-
-    Dyadic parts are visited from the left; a part without a negative coefficient holds no crossing, one with a
-    single change of sign holds exactly one (variation diminishing), any other is halved.
-    """
-    if b0 < 0.0:
-        return 0.0
-    if min(min(b1, b2), min(b3, b4)) >= 0.0:
-        return -1.0
-    index, level = 0, 0
-    while True:
-        width = math.ldexp(1.0, -level)
-        lo = index * width
-        c0, c1, c2, c3, c4 = _part(b0, b1, b2, b3, b4, lo, lo + width)
-        if c0 < 0.0:
-            return lo
-        if min(min(min(c0, c1), min(c2, c3)), c4) < 0.0:
-            changes = (c0 < 0.0) != (c1 < 0.0)
-            changes += (c1 < 0.0) != (c2 < 0.0)
-            changes += (c2 < 0.0) != (c3 < 0.0)
-            changes += (c3 < 0.0) != (c4 < 0.0)
-            if c4 < 0.0 and (changes == 1 or level == _MAX_LEVEL):
-                return lo + width * _root(c0, c1, c2, c3, c4)
-            if level < _MAX_LEVEL:
-                index, level = 2 * index, level + 1
-                continue
-        index += 1
-        while level > 0 and index % 2 == 0:
-            index, level = index // 2, level - 1
-        if level == 0:
-            return -1.0
-
-
-@kernel
-def _root(c0, c1, c2, c3, c4):
-    """The root of a quartic in Bernstein form with c0 >= 0 > c4 and one change of sign: Newton, kept in its bracket."""
-    lo, hi = 0.0, 1.0
-    t = c0 / (c0 - c4)
-    for _ in range(100):
-        value, slope = _value_and_slope(c0, c1, c2, c3, c4, t)
-        # f may start at rounding size and rise before it falls: only a falling zero is the crossing
-        if abs(value) <= _HIT_TOLERANCE_MM and slope < 0.0:
-            break
-        if value > 0.0:
-            lo = t
-        else:
-            hi = t
-        step = t - value / slope if slope != 0.0 else -1.0
-        t = step if lo < step < hi else 0.5 * (lo + hi)
-    return t
-
-
-@kernel
-def _value_and_slope(c0, c1, c2, c3, c4, t):
-    """Quartic and its derivative at t by de Casteljau's scheme."""
-    r = 1.0 - t
-    d0, d1, d2, d3 = r * c0 + t * c1, r * c1 + t * c2, r * c2 + t * c3, r * c3 + t * c4
-    e0, e1, e2 = r * d0 + t * d1, r * d1 + t * d2, r * d2 + t * d3
-    g0, g1 = r * e0 + t * e1, r * e1 + t * e2
-    return r * g0 + t * g1, 4.0 * (g1 - g0)
-
-
-@kernel
-def _part(c0, c1, c2, c3, c4, lo, hi):
-    """Bernstein coefficients of the same quartic over [lo, hi]."""
-    if lo > 0.0:
-        c0, c1, c2, c3, c4 = _right_part(c0, c1, c2, c3, c4, lo)
-    if hi < 1.0:
-        c4, c3, c2, c1, c0 = _right_part(c4, c3, c2, c1, c0, (1.0 - hi) / (1.0 - lo))
-    return c0, c1, c2, c3, c4
-
-
-@kernel
-def _right_part(c0, c1, c2, c3, c4, t):
-    """Bernstein coefficients over [t, 1]."""
-    r = 1.0 - t
-    d0, d1, d2, d3 = r * c0 + t * c1, r * c1 + t * c2, r * c2 + t * c3, r * c3 + t * c4
-    e0, e1, e2 = r * d0 + t * d1, r * d1 + t * d2, r * d2 + t * d3
-    g0, g1 = r * e0 + t * e1, r * e1 + t * e2
-    return r * g0 + t * g1, g1, e2, d3, c4

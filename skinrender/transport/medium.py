@@ -199,16 +199,15 @@ def _largest_of_tiles(field: np.ndarray) -> np.ndarray:
 
 
 def make_medium(
-    grid: Grid, plane_mu_t: np.ndarray, mu_a: np.ndarray, mu_s: np.ndarray, g: np.ndarray, layer: np.ndarray,
-    layers: int, borders: Borders, z_edges_mm: np.ndarray, columns: tuple[int, int], z_top: float, real: type,
+    grid: Grid, majorant: np.ndarray, plane_slab: np.ndarray, mu_a: np.ndarray, mu_s: np.ndarray, g: np.ndarray,
+    layer: np.ndarray, layers: int, borders: Borders, z_edges_mm: np.ndarray, columns: tuple[int, int], z_top: float,
+    real: type,
 ) -> Medium:  # fmt: skip
     """Executed medium of one band.
 
-    mu_a, mu_s (1/mm), g, layer (P,): palette entries, of `layers` tissue layers; plane_mu_t (planes,): largest
-    extinction of each plane; borders and z_edges_mm in mm from the top of the volume, which is z_top in the scene's
-    coordinates.
+    majorant, plane_slab : of `make_majorant`; mu_a, mu_s (1/mm), g, layer (P,): palette entries, of `layers` tissue
+    layers; borders and z_edges_mm in mm from the top of the volume, which is z_top in the scene's coordinates.
     """
-    majorant, plane_slab = make_majorant(plane_mu_t, z_edges_mm)
     period = np.array([borders.lx, borders.ly])
     cells = np.array([columns[0] / period[0], columns[1] / period[1], _COARSE_CELLS / z_edges_mm[-1]])
     last = np.array([columns[0] - 1, columns[1] - 1, _COARSE_CELLS - 1], dtype=np.int32)

@@ -7,9 +7,10 @@ import csv
 import numpy as np
 import pytest
 
-from skinrender.analysis import lesion_table, light_depth
+from skinrender.analysis import lesion_sweep, light_depth
 from skinrender.analysis.lesion_plot import draw_light_depth, draw_table
-from skinrender.analysis.lesion_table import Row, forearm, markdown, pigment_of, sweep, write_csv
+from skinrender.analysis.lesion_sweep import Row, forearm, pigment_of, sweep
+from skinrender.analysis.lesion_table import markdown, write_csv
 from skinrender.analysis.light_depth import LightDepth, write_light_depth
 from skinrender.analysis.spectrum import spectrum
 from skinrender.scene import make_scene
@@ -42,7 +43,7 @@ def test_dermal_rows_of_the_sweep_hold_equal_amounts(tmp_path):
     plain = forearm(tmp_path)
     dermal = [lesion for _, lesion in sweep(plain) if lesion["kind"] == "dermal"]
     amounts = [of_lesion(tmp_path, lesion)[0] for lesion in dermal]
-    assert np.allclose(amounts, np.tile(lesion_table.MELANIN_UM, len(lesion_table.DERMAL)), rtol=1e-4)
+    assert np.allclose(amounts, np.tile(lesion_sweep.MELANIN_UM, len(lesion_sweep.DERMAL)), rtol=1e-4)
 
 
 @pytest.fixture(scope="module")
@@ -94,8 +95,8 @@ def test_red_light_has_been_deeper_than_blue(monkeypatch, tmp_path):
 def test_carbon_black_is_bluish_where_a_mole_is_brown(monkeypatch, tmp_path):
     mole = {"kind": "mole", "melanin_scale": 0.1, "depth_mm": 0.1}
     tattoo = {"kind": "tattoo", "volume_fraction": 0.0005, "depth_mm": [0.3, 0.6]}
-    monkeypatch.setattr(lesion_table, "sweep", lambda plain: [("above", mole), ("below", tattoo)])
-    above, below = lesion_table.rows(tmp_path, 0.02)
+    monkeypatch.setattr(lesion_sweep, "sweep", lambda plain: [("above", mole), ("below", tattoo)])
+    above, below = lesion_sweep.rows(tmp_path, 0.02)
     assert above.lab[0] + LARGEST_Z * above.lab_stderr[0] < -5 and below.lab[0] + LARGEST_Z * below.lab_stderr[0] < -5
     assert np.all((above.lab - below.lab)[1:] > LARGEST_Z * np.hypot(above.lab_stderr, below.lab_stderr)[1:])
     assert np.all(below.lab[1:] + LARGEST_Z * below.lab_stderr[1:] < 0)

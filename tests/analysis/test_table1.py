@@ -47,3 +47,9 @@ def test_a_folder_without_all_stages_is_refused(tmp_path, capsys):
     (tmp_path / "timing.csv").write_text("a,b\n1,2\n")
     assert main([str(tmp_path), str(tmp_path)]) == 2
     assert "not a timing.csv" in capsys.readouterr().err
+
+
+def test_a_wrong_use_is_told_by_its_options(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main([])
+    assert ended.value.code == 2 and "POINT_DIR" in capsys.readouterr().err

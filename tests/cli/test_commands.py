@@ -106,6 +106,12 @@ def test_a_bad_override_is_2_and_named(slab, tmp_path, override):
     assert f"--set {override}" in result.stderr
 
 
+@pytest.mark.parametrize(("command", "option"), [("trace", "--photons"), ("estimate", "--gather-count")])
+def test_a_value_that_the_scene_refuses_is_told_by_its_option(slab, tmp_path, command, option):
+    result = call(command, slab, option, "1e14", "-o", tmp_path / "o")
+    assert result.exit_code == 2 and f"error: {option} 100000000000000: " in result.stderr and "--set" not in result.stderr
+
+
 def test_output_that_is_a_file_is_2(slab):
     result = call("build", slab, "-o", slab)
     assert result.exit_code == 2

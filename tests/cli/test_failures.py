@@ -90,6 +90,12 @@ def test_a_scene_whose_name_is_no_text_is_rendered(slab, tmp_path, monkeypatch):
     assert "bad?.yaml" in (tmp_path / "out" / "bad?" / "index.html").read_text(encoding="utf-8")
 
 
+def test_a_folder_whose_name_is_no_text_is_2(slab, tmp_path):
+    folder = tmp_path / "\udcff"
+    result = call("build", slab, "-o", folder)
+    assert result.exit_code == 2 and "its name is not UTF-8" in result.stderr and not folder.exists()
+
+
 def test_a_reader_that_leaves_is_no_fault(repository):
     reader, writer = os.pipe()
     os.close(reader)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import os
 import signal
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
@@ -37,12 +39,23 @@ def mixed(values: np.ndarray) -> np.ndarray:
 class FakePass:
     """Reflects a fifth, absorbs half in the first layer, the rest in the second; stores 0 to 7 photons a history."""
 
-    def __init__(self, seed: int, power: np.ndarray = POWER, stored: bool = True, lose: bool = False):
+    def __init__(
+        self, seed: int, power: np.ndarray = POWER, stored: bool = True, lose: bool = False,
+        happen: Callable[[], None] = lambda: None,
+    ):  # fmt: skip
         self.seed, self.power_per_band_aimed, self.stored, self.lose = seed, power, stored, lose
+        self.happen = happen
         self.layer_names = ("upper", "lower")
         self.bands = len(power)
 
+    def seeded(self, seed: int) -> FakePass:
+        other = copy.copy(self)
+        other.seed = seed
+        return other
+
     def walk(self, round_index: int, histories: np.ndarray, store: bool) -> FakeRound:
+        if self.seed == SEED:
+            self.happen()
         tallies = np.zeros((self.bands, tally.columns(LAYERS)), np.int64)
         stored = np.zeros(self.bands, np.int64)
         pieces = []
@@ -84,11 +97,7 @@ class FakeRecipe:
         return {"fake": self.name}
 
     def build(self, seed: int) -> FakePass:
-        made = FakePass(seed, np.array(self.power), self.stored, self.lose)
-        if seed == SEED and (self.accident or self.slow_s):
-            walk = made.walk
-            made.walk = lambda *args: (self._happen(), walk(*args))[1]
-        return made
+        return FakePass(seed, np.array(self.power), self.stored, self.lose, self._happen)
 
     def describe(self, photon_pass: FakePass) -> dict:
         return {
@@ -118,4 +127,4 @@ SEED = 5
 
 
 def fake_scene(stored: float = 4000, seed: int = SEED) -> SimpleNamespace:
-    return SimpleNamespace(photons=SimpleNamespace(stored=stored, seed=seed))
+    return SimpleNamespace(photons=SimpleNamespace(stored=stored, seed=seed, wavelengths="uniform"))

@@ -13,9 +13,11 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
+from fake_pass import FakePass
 
 from skinrender.engine import bands, work
 from skinrender.engine.estimate import estimate
@@ -110,18 +112,20 @@ def test_threads_prepare_a_pass_once(monkeypatch):
     built, both = [], threading.Barrier(2)
 
     class SlowRecipe:
+        provenance: ClassVar = {}
+
         def build(self, seed):
             time.sleep(0.05)
-            built.append(seed)
-            return object()
+            built.append(FakePass(seed))
+            return built[-1]
 
     def ask(_):
         both.wait()
-        return work.photon_pass(SlowRecipe(), 3, "key")
+        return work.photon_pass(SlowRecipe(), 3)
 
     with ThreadPoolExecutor(2) as pool:
-        first, second = pool.map(ask, range(2))
-    assert first is second and built == [3]
+        asked = list(pool.map(ask, range(2)))
+    assert len(built) == 1 and [one.seed for one in asked] == [3, 3]
 
 
 @pytest.fixture(scope="module")

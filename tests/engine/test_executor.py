@@ -92,6 +92,7 @@ trace(scene, sys.argv[2] + "/volume.npz", sys.argv[2] + "/out", workers=2, progr
 """
 
 
+@pytest.mark.kills  # the pool ends the worker that is still importing, maybe while it writes its volume
 def test_a_script_without_a_guard_is_told_what_is_wrong_with_it(tmp_path, repository):
     script = tmp_path / "script.py"
     script.write_text(UNGUARDED_SCRIPT)

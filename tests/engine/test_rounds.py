@@ -10,17 +10,20 @@ from fake_pass import POWER, FakePass
 
 from skinrender.engine.ledger import Ledger
 from skinrender.engine.rounds import (
+    LEAST_SHARE,
     PILOT_HISTORIES,
+    PILOT_ROUNDS,
     PILOT_SEED,
     ROUND_HISTORIES_MAX,
     ROUND_STORED_MAX,
     Pilot,
-    equal_share,
     plan_rounds,
     rounds_until,
     run_pilot,
+    uniform_share,
+    visible_share,
 )
-from skinrender.engine.stop import MIN_ROUNDS, AnyOf, Never, StandardError, StoredCount, TimeLimit
+from skinrender.engine.stop import MIN_ROUNDS, StandardError, StoredCount
 
 SHARE = np.ones(3)
 
@@ -32,16 +35,26 @@ def pilot_of(stored: float) -> Pilot:
 def test_pilot_measures_photons_stored_per_history():
     """The fake stores 0 to 7 photons a history, evenly: mean 3.5, variance 5.25."""
     pilot = run_pilot(FakePass(PILOT_SEED), SHARE)
-    assert np.all(np.abs(pilot.stored - 3.5) < 5 * np.sqrt(5.25 / (16 * 682)))
+    assert np.all(np.abs(pilot.stored - 3.5) < 5 * np.sqrt(5.25 / (PILOT_ROUNDS * (PILOT_HISTORIES // 3))))
     assert 0.3 < pilot.relative_spread / (np.sqrt(5.25) / 3.5) < 2
     assert pilot.relative_stderr < 0.01
 
 
 def test_bands_without_power_are_left_out():
-    share = equal_share([1.0, 0.0, 2.0])
+    share = uniform_share([1.0, 0.0, 2.0])
     pilot = run_pilot(FakePass(PILOT_SEED), share)
     assert plan_rounds(pilot, share, 10_000).histories[1] == 0
     assert pilot.stored[1] == 0
+
+
+def test_visible_bands_get_more_histories_and_dark_ones_none():
+    wavelength_nm = np.arange(380.0, 781.0, 5.0)
+    power = np.where(wavelength_nm < 700, 1.0, 0.0)
+    share = visible_share(power, wavelength_nm)
+    assert share.max() == 1.0 and 520 <= wavelength_nm[np.argmax(share)] <= 560
+    assert share[0] == LEAST_SHARE and np.all(share[power == 0] == 0) and np.all(share[power > 0] >= LEAST_SHARE)
+    assert np.array_equal(visible_share(np.ones(1), np.array([550.0])), [1.0])
+    assert np.array_equal(visible_share(np.ones(2), np.array([700.0, 750.0])), [1.0, 1.0]), "no color: all alike"
 
 
 @pytest.mark.parametrize("wanted", [10_000, 1e6, 324e6])
@@ -94,8 +107,3 @@ def test_scattering_events_are_relative():
     """Mean 3.5, deviation 2.29: 2 % takes 1070 histories of one weight; the layer without events asks for none."""
     ledger = walked(StandardError(1.0, events_relative=0.02), power=np.ones(3))
     assert 500 < ledger.counts[:, 0].sum() < 2600
-
-
-def test_time_limit_and_combination():
-    assert len(walked(TimeLimit(0.0)).rounds) == 2
-    assert len(walked(AnyOf((Never(), TimeLimit(0.0)))).rounds) == 2

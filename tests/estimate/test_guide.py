@@ -113,7 +113,7 @@ def spots() -> np.ndarray:
 def of_lesion(absorbance: np.ndarray) -> np.ndarray:
     """What restores the color of a lesion on a flat surface."""
     color = color_patterns([np.exp(-absorbance)], LESION_SPACING_MM, wrap=True)
-    return Guides([], [], color).of_color(color_kernel)
+    return Guides([], [], color, []).of_color(color_kernel)
 
 
 @pytest.mark.parametrize("strength", [0.3, 0.7, 1.1])

@@ -144,6 +144,19 @@ def test_lab_of_a_grey_is_the_closed_form():
             assert np.allclose(lab, [lightness, 0, 0], atol=1e-6)
 
 
+def test_sensitivity_of_color_is_the_derivative_of_lab(colour):
+    """A white whose light changes by a thousandth in one band."""
+    light = band_weights("D65", BANDS)
+    xyz = light @ color.color_matching(BANDS)
+    white = colour.XYZ_to_xy(xyz)
+    for band in (4, 14, 34, 46, 60):
+        changed = light.copy()
+        changed[band] *= 1.001
+        lab = colour.XYZ_to_Lab(changed @ color.color_matching(BANDS) / xyz[1], white)
+        moved = np.linalg.norm(lab - colour.XYZ_to_Lab(xyz / xyz[1], white)) / 0.001
+        assert color.color_sensitivity(BANDS, light)[band] == pytest.approx(moved, rel=2e-3)
+
+
 def test_lab_of_rgb_white_and_grey():
     assert np.allclose(color.lab_of_rgb(np.ones(3)), [100, 0, 0], atol=1e-6)
     assert np.allclose(color.lab_of_rgb(np.full(3, 0.18)), [116 * np.cbrt(0.18) - 16, 0, 0], atol=1e-6)

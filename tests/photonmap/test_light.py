@@ -21,7 +21,8 @@ def scene(**light):
     described = {"spectrum": "E", "position_mm": None, "zenith_deg": 0.0, "azimuth_deg": 0.0, "radius_mm": None}
     patch = SimpleNamespace(size_mm=(10.0, 8.0))
     return SimpleNamespace(
-        light=SimpleNamespace(**{**described, **light}), patch=patch, wavelength_nm=(450.0, 550.0, 650.0)
+        light=SimpleNamespace(**{**described, **light}), patch=patch, wavelength_nm=(450.0, 550.0, 650.0),
+        place=lambda key: None,
     )
 
 

@@ -79,7 +79,7 @@ ADDED = {
     ),
     "plain value for a section": (
         "photons: 1e6",
-        "scene.yaml:7:1: photons: got 1000000; expected a mapping with the keys stored, seed, roulette",
+        "scene.yaml:7:1: photons: got 1000000; expected a mapping with the keys stored, seed, roulette, wavelengths",
     ),
     "empty section": (
         "outside:",

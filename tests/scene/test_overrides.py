@@ -62,7 +62,7 @@ def test_a_value_may_hold_an_equals_sign(write_scene):
         ("photons.stored=1e7x", "--set photons.stored=1e7x: photons.stored: got '1e7x'; expected a whole number"),
         (
             "photons.stord=1",
-            "--set photons.stord=1: photons.stord: unknown key; allowed: stored, seed, roulette (did you",
+            "--set photons.stord=1: photons.stord: unknown key; allowed: stored, seed, roulette, wavelengths (did you",
         ),
         ("photon.stored=1", "--set photon.stored=1: photon: unknown key; allowed: "),
         ("skin.site.x=1", "--set skin.site.x=1: skin.site holds 'forearm', which has no keys\n  set skin.site itself"),

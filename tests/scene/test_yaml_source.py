@@ -94,6 +94,12 @@ def test_a_tag_that_does_not_fit_is_a_problem():
     assert "'abc' does not fit its tag !!int" in str(parse_source("a: !!int abc", "s").problems[0])
 
 
+@pytest.mark.parametrize("text", [r'a: "\ud800"', r'a: {b: "\udfff x"}', r'["\ud83d\ude00"]'])
+def test_half_a_character_is_a_problem(text):
+    (problem, *_) = parse_source(text, "s").problems
+    assert str(problem).startswith("s:1:") and "half of a surrogate pair" in str(problem)
+
+
 def test_a_key_must_be_a_plain_word():
     assert "plain word" in str(parse_source("? [1, 2]\n: 3\n", "s").problems[0])
 

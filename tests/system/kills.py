@@ -20,6 +20,7 @@ from pathlib import Path
 
 from click.testing import CliRunner
 
+from benchmarks.processes import children_of
 from skinrender.cli import main
 from skinrender.photonmap.photon_map import open_map
 from skinrender.photonmap.store import read_header, read_round, round_files
@@ -135,10 +136,10 @@ def _map_begun(out: Path) -> bool:
 def workers_of(pid: int) -> list[int]:
     """Worker processes that a run has started."""
     found = []
-    with contextlib.suppress(OSError):
-        for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
+    for child in sorted(children_of(pid)):
+        with contextlib.suppress(OSError):
             if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes():
-                found.append(int(child))
+                found.append(child)
     return found
 
 
