@@ -10,7 +10,7 @@ import time
 
 import numpy as np
 
-from skinrender.transport import block_kernel, kernel
+from skinrender.transport import block_kernel, entry_kernel, kernel
 from skinrender.transport.blockmath import log_unit
 from skinrender.transport.lanes import (
     ABSORB_ABOVE,
@@ -69,7 +69,7 @@ def bare_gather(f, w, n, rows, g):
         f[G + i] = g[row]
 
 
-@kernel
+@entry_kernel
 def bare_walk(f, w, steps, free_path, rows, g):
     """Scattering and absorption events of `steps` passes over a full block."""
     for _ in range(steps):

@@ -22,7 +22,7 @@ from skinrender.photonmap.light import light_from_scene
 from skinrender.photonmap.photon_pass import PhotonPass
 from skinrender.scene import make_scene
 from skinrender.skin.builder import build_volume
-from skinrender.transport import kernel, tally
+from skinrender.transport import entry_kernel, tally
 from skinrender.transport.blockmath import cos_sin_turn, log_unit
 from skinrender.transport.rng import uniform
 
@@ -87,7 +87,7 @@ def many_turns(outcomes: Sequence[Outcome]) -> Iterator[Measure]:
     yield Measure("z of the mean direction", float(np.abs(z).max()), Z_BOUND)
 
 
-@kernel
+@entry_kernel
 def running_sum(worth, count):
     """Sum of `count` float32 values, taken again and again from an array, as `deposit` adds to a bin: one by one in
     float64."""

@@ -15,8 +15,9 @@ import math
 import numpy as np
 
 from skinrender.estimate.lattice import SEVERAL_RAYS, bin_of
-from skinrender.transport import allocating_kernel, inlined_kernel, kernel
+from skinrender.transport import allocating_kernel, entry_kernel, inlined_kernel, kernel
 from skinrender.transport.height_field import height
+from skinrender.transport.optical_depth import edges_above
 from skinrender.transport.phase import phase_hg
 
 
@@ -38,7 +39,7 @@ def voxel_of(palette_index, z_edges, lx, ly, x, y, z):
     nx, ny, nz = palette_index.shape
     i = min(max(int(x * (nx / lx)), 0), nx - 1)
     j = min(max(int(y * (ny / ly)), 0), ny - 1)
-    k = min(max(np.searchsorted(z_edges, z, side="right") - 1, 0), nz - 1)
+    k = min(max(edges_above(z_edges, z) - 1, 0), nz - 1)
     return palette_index[i, j, k]
 
 
@@ -68,7 +69,7 @@ finite."""
 BLOCK = 256
 
 
-@kernel
+@entry_kernel
 def ray_weights(slab, tau, outside_power, descent, bin_area, pixel_of, worth, factor):
     """What a photon's connection to a ray is worth in one slab, in two factors.
 
@@ -173,11 +174,11 @@ def add_to_each(
 ):
     """Enters a block's photon k into the pixels of all rays of its bin; returns the light so far with theirs."""
     for j in range(start[slab, cell], start[slab, cell + 1]):
-        q = rays[slab, j]
+        q = np.int64(rays[slab, j])
         value = connect(
             slab, q, entry[k, 0], entry[k, 1], entry[k, 2], entry[k, 3], entry[k, 5], region, ray_direction, worth
         )
-        light += add_light(image, y_image, factor, y_weight, slab, pixel_of[q], entry[k, 4] * value)
+        light += add_light(image, y_image, factor, y_weight, slab, np.int64(pixel_of[q]), entry[k, 4] * value)
     return light
 
 
@@ -197,7 +198,7 @@ def deposit(
     ----------
     position (N, 3), direction (N, 2) : the map's.
     keep : (1 + D,) bins per mm and keep probabilities of the band, or None: all weights are 1.
-    relief : (hx, hy) float64 control points or None.
+    relief : (hx, hy) float32 control points or None.
     edges, region, to_lattice, bounds, only_ray, start, rays, ray_direction : of the `RayLattice` and its rays.
     worth : of `ray_weights`; pixel_of (Q,): pixel of each ray.
     palette_index, z_edges : the voxels, or None when g is the same everywhere.
@@ -211,8 +212,9 @@ def deposit(
     """
     room = BLOCK + 1
     if periodic:
-        tiles_x, tiles_y = (bounds[:, 2] - bounds[:, 0]).max() / lx, (bounds[:, 3] - bounds[:, 1]).max() / ly
-        room = BLOCK + (int(tiles_x) + 2) * (int(tiles_y) + 2)
+        for s in range(bounds.shape[0]):
+            tiles_x, tiles_y = (bounds[s, 2] - bounds[s, 0]) / lx, (bounds[s, 3] - bounds[s, 1]) / ly
+            room = max(room, BLOCK + (int(tiles_x) + 2) * (int(tiles_y) + 2))
     entry, cell_of, ray = np.empty((room, 6)), np.empty((room, 2), np.int64), np.empty(room, np.int64)
     contributions, light = 0, 0.0
     i = first

@@ -17,6 +17,8 @@ from skinrender.transport.fresnel import fresnel, refract
 from skinrender.transport.height_field import cell_bounds, first_hit, height_and_gradient, slab_interval
 
 GEOMETRY_NM = 550.0
+_ABOVE_MM = 1e-3
+"""A ray begins this far from where the relief may be."""
 LEVEL = 1e-6
 """Cosine below which a ray under a flat border goes nowhere: total reflection, or grazing beyond any camera."""
 
@@ -70,11 +72,12 @@ def make_view_path(origin: np.ndarray, direction: np.ndarray, volume: Any) -> Vi
     origin = np.ascontiguousarray(origin, dtype=np.float64).reshape(-1, 3)
     direction = np.ascontiguousarray(direction, dtype=np.float64).reshape(-1, 3)
     lx, ly = volume.size_mm
-    entry, normal, hit = (
-        _meet_plane(origin, direction)
-        if volume.surface_mm is None
-        else meet_relief(origin, direction, *relief_arrays(volume.surface_mm), lx, ly)
-    )
+    if volume.surface_mm is None:
+        entry, normal, hit = _meet_plane(origin, direction)
+    else:
+        heights, cells = relief_arrays(volume.surface_mm)
+        within = float(cells[..., 0].min()) - _ABOVE_MM, float(cells[..., 1].max()) + _ABOVE_MM
+        entry, normal, hit = _meet_relief(origin, direction, heights, cells, *within, lx, ly)
     if volume.sides != "periodic":
         hit &= (entry[:, 0] >= 0.0) & (entry[:, 0] <= lx) & (entry[:, 1] >= 0.0) & (entry[:, 1] <= ly)
     eta = np.ascontiguousarray(volume.n_outside / regions_of(volume).index[1])
@@ -86,8 +89,8 @@ def make_view_path(origin: np.ndarray, direction: np.ndarray, volume: Any) -> Vi
 
 
 def relief_arrays(surface_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Control points and cell bounds of a relief as the kernels read them, float64."""
-    heights = np.ascontiguousarray(surface_mm, dtype=np.float64)
+    """Control points and cell bounds of a relief as the kernels read them, in the walk's float32: no second copy of them."""
+    heights = np.array(surface_mm, dtype=np.float32, order="C")  # a read-only one would be another type to the kernels
     return heights, cell_bounds(heights)
 
 
@@ -101,11 +104,10 @@ def _meet_plane(origin, direction):
 
 
 @allocating_kernel
-def meet_relief(origin, direction, heights, cells, lx, ly):
-    """Entry points (Q, 3), outward normals (Q, 3) and hits (Q,) of rays from above on a relief."""
+def _meet_relief(origin, direction, heights, cells, z_low, z_high, lx, ly):
+    """Entry points (Q, 3), outward normals (Q, 3) and hits (Q,) of rays from above on a relief within z_low..z_high."""
     count = origin.shape[0]
     entry, normal, hit = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count, np.bool_)
-    z_low, z_high = cells[:, :, 0].min() - 1e-3, cells[:, :, 1].max() + 1e-3
     for q in range(count):
         ux, uy, uz = direction[q]
         begin, end = slab_interval(origin[q, 2], uz, z_low, z_high, np.inf)

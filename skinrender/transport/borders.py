@@ -201,18 +201,18 @@ def cross(f, w, i, borders, majorant, relief):
 
     Returns INSIDE, LEFT_TOP, LEFT_BOTTOM or LEFT_SIDE. A lane that met none keeps its flight (BORDER = 0).
     """
-    region = w[REGION + i]
+    region = np.int64(w[REGION + i])
     path = np.float64(f[PATH + i])
     z = np.float64(f[Z_START + i])
     ux, uy, uz = np.float64(f[UX + i]), np.float64(f[UY + i]), np.float64(f[UZ + i])
     x, y = np.float64(f[X + i]) - ux * path, np.float64(f[Y + i]) - uy * path
     dz = (np.float64(f[Z + i]) - z) / path if path > 0.0 else uz
 
-    hit, k, side = -1.0, region, 1
+    hit, k, side = -1.0, region, np.int64(1)
     if min(f[Z_START + i], f[Z + i]) < f[Z_SAFE_TOP + i]:
-        hit = border_distance(borders, relief, region, 1, x, y, z, ux, uy, dz, path)
+        hit = border_distance(borders, relief, region, np.int64(1), x, y, z, ux, uy, dz, path)
     if max(f[Z_START + i], f[Z + i]) > f[Z_SAFE_BOTTOM + i]:
-        lower = border_distance(borders, relief, region + 1, -1, x, y, z, ux, uy, dz, path)
+        lower = border_distance(borders, relief, region + 1, np.int64(-1), x, y, z, ux, uy, dz, path)
         if lower >= 0.0 and (hit < 0.0 or lower < hit):
             hit, k, side = lower, region + 1, -1
     wall_x, wall_y = 0.0, 0.0
@@ -241,7 +241,7 @@ def meet_side(f, w, i, borders, majorant, relief, region, x, y, z, ux, uy, uz, w
         return LEFT_SIDE
     ux, uy, uz = reflect(ux, uy, uz, wall_x, wall_y, 0.0)
     w[FRESH + i] &= ~STRAIGHT
-    place(f, w, i, borders, majorant, relief, region, x, y, z, ux, uy, uz, -1, 0.0)
+    place(f, w, i, borders, majorant, relief, region, x, y, z, ux, uy, uz, np.int64(-1), 0.0)
     return INSIDE
 
 
@@ -260,25 +260,23 @@ def meet_border(f, w, i, borders, majorant, relief, region, k, side, x, y, z, ux
     index_from, index_to = index_of(borders, region), index_of(borders, region - side)
     cos_i = min(1.0, max(0.0, ux * nx + uy * ny + uz * nz))
     is_reflected, cos_t = split(w, i, cos_i, index_from, index_to)
+    into, inside_sign, left = region, np.float64(side), INSIDE
     if is_reflected:
-        w[FRESH + i] &= ~STRAIGHT
         ux, uy, uz = reflect(ux, uy, uz, nx, ny, nz)
-        place(f, w, i, borders, majorant, relief, region, x, y, z, ux, uy, uz, rough, np.float64(side))
-        return INSIDE
-    ux, uy, uz = refract(ux, uy, uz, nx, ny, nz, index_from / index_to, cos_i, cos_t)
-    if side < 0 and k == borders.table.shape[0] - 1:
+    else:
+        ux, uy, uz = refract(ux, uy, uz, nx, ny, nz, index_from / index_to, cos_i, cos_t)
+        into, inside_sign = region - side, -inside_sign
+        if side < 0 and k == borders.table.shape[0] - 1:
+            left = LEFT_BOTTOM
+        elif side > 0 and k == 0:
+            entered, _, x, y, z, ux, uy, uz = enter_surface(
+                w, i, borders, relief, x, y, z, ux, uy, uz, np.bool_(True)
+            )
+            into, inside_sign = np.int64(0), 1.0
+            left = INSIDE if entered else LEFT_TOP
+    if left != INSIDE:
         f[X + i], f[Y + i], f[UX + i], f[UY + i], f[UZ + i] = x, y, ux, uy, uz
-        return LEFT_BOTTOM
-    if side < 0 or k > 0:
-        w[FRESH + i] &= ~STRAIGHT
-        place(f, w, i, borders, majorant, relief, region - side, x, y, z, ux, uy, uz, rough, -np.float64(side))
-        return INSIDE
-    entered, _, x, y, z, ux, uy, uz = enter_surface(
-        w, i, borders, relief, x, y, z, ux, uy, uz, True
-    )
-    if not entered:
-        f[X + i], f[Y + i], f[UX + i], f[UY + i], f[UZ + i] = x, y, ux, uy, uz
-        return LEFT_TOP
+        return left
     w[FRESH + i] &= ~STRAIGHT
-    place(f, w, i, borders, majorant, relief, 0, x, y, z, ux, uy, uz, rough, 1.0)
+    place(f, w, i, borders, majorant, relief, into, x, y, z, ux, uy, uz, rough, inside_sign)
     return INSIDE

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skinrender.transport import kernel
+from skinrender.transport.bricks import BRICK_BITS
 from skinrender.transport.lanes import ABSORB_ABOVE, BRICKS, IN_BRICK, PLANE, SCATTER_BELOW, TISSUE, VOXEL, G, Z
 
 
@@ -20,8 +21,8 @@ class Grid(NamedTuple):
 
     plane_edge (planes + 1): z of the voxel planes, mm from the top, the last one infinite; coarse_plane: first plane of
     each coarse depth cell; edges_in_cell: most edges that lie between that plane and a depth in the cell; brick
-    (bricks_x * bricks_y * planes) uint32, those of a column together: 2 * offset into `palette` + 1 if the brick
-    varies; palette uint16.
+    (bricks_x * bricks_y * planes) uint32, those of a column together: 2 * offset into `palette` + 1 if the brick is
+    uniform; palette uint16.
     """
 
     plane_edge: np.ndarray
@@ -42,10 +43,11 @@ def find_voxels(f, w, n, grid):
     """Sets PLANE, until now the coarse depth cell, and VOXEL, the place in `Grid.palette`, of n lanes.
 
     Indices are unsigned: numba's test for negative ones costs as much as the look-up. The edges within a coarse cell
-    are counted, not searched: a `while` in this loop doubled its time.
+    are counted, not searched: a `while` in this loop doubled its time. In a uniform brick the place is shifted out, as
+    of a product with 0 or 1 LLVM makes a branch, which near the surface is guessed wrong again and again.
     """
     edge, coarse_plane, brick_of = grid.plane_edge, grid.coarse_plane, grid.brick
-    edges_in_cell, one = grid.edges_in_cell, np.uint64(1)
+    edges_in_cell, one, bits = grid.edges_in_cell, np.uint64(1), np.uint64(2 * BRICK_BITS)
     for i in range(n):
         plane = np.uint64(coarse_plane[np.uint64(w[PLANE + i])])
         z = f[Z + i]
@@ -53,7 +55,7 @@ def find_voxels(f, w, n, grid):
             plane += np.uint64(z >= edge[plane + one])
         brick = np.uint64(brick_of[np.uint64(w[BRICKS + i]) + plane])
         w[PLANE + i] = plane
-        w[VOXEL + i] = (brick >> one) + (brick & one) * np.uint64(w[IN_BRICK + i])
+        w[VOXEL + i] = (brick >> one) + (np.uint64(w[IN_BRICK + i]) >> ((brick & one) * bits))
 
 
 @kernel

@@ -75,7 +75,7 @@ def height(heights, lx, ly, x, y):
     return u * z0 + v * z1 + w * z2
 
 
-@kernel
+@inlined_kernel
 def height_and_gradient(heights, lx, ly, x, y):
     """Height h and its slopes dh/dx, dh/dy at (x, y); the upward unit normal is (h_x, h_y, -1) / norm."""
     hx, hy = heights.shape

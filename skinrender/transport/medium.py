@@ -14,7 +14,7 @@ from skinrender.transport.bricks import BRICK
 from skinrender.transport.gather import Grid
 from skinrender.transport.height_field import bulge_bound, cell_bounds
 from skinrender.transport.move import SLABS
-from skinrender.transport.relief import FAR, NEAR, Relief
+from skinrender.transport.relief import NEAR, TILE, Relief
 
 _COARSE_CELLS = 4096
 _WORD = 2.0**32
@@ -53,7 +53,7 @@ def make_grid(palette_index: np.ndarray, z_edges_mm: np.ndarray, real: type) -> 
     palette[offset[uniform]] = cells[uniform, 0]
     varied = offset[~uniform][:, None] + np.arange(BRICK * BRICK)
     palette[varied] = cells[~uniform]
-    brick = (2 * offset + ~uniform).astype(np.uint32)
+    brick = (2 * offset + uniform).astype(np.uint32)
 
     entries = int(palette_index.max()) + 1
     holds = np.zeros((nz, entries), dtype=bool)
@@ -172,16 +172,16 @@ def make_relief(heights: list[np.ndarray], size_mm: tuple[float, float]) -> Reli
     around = np.stack([_around(field, cells[..., 1], size_mm) for field, cells in zip(heights, bounds)])
     cells = np.array(heights[0].shape)
     return Relief(
-        np.stack(heights), bounds, around.astype(np.float32), (cells / size_mm).astype(np.float32),
-        (cells - 1).astype(np.int32),
+        np.stack(heights), bounds, around.astype(np.float32), (cells / (TILE * np.array(size_mm))).astype(np.float32),
+        (-(-cells // TILE) - 1).astype(np.int32),
     )  # fmt: skip
 
 
 def _around(field: np.ndarray, highest: np.ndarray, size_mm: tuple[float, float]) -> np.ndarray:
     """`Relief.around` of one height field."""
     known = (highest, bulge_bound(field, *size_mm))
-    near = [np.stack([_largest_within(each, cells) for each in known], axis=-1) for cells in (NEAR, FAR)]
-    return np.concatenate([np.stack(near, axis=2).reshape(-1, 2), [[each.max() for each in known]]])
+    near = np.stack([_largest_of_tiles(_largest_within(each, NEAR)) for each in known], axis=-1)
+    return np.concatenate([near.reshape(-1, 2), [[each.max() for each in known]]])
 
 
 def _largest_within(field: np.ndarray, cells: int) -> np.ndarray:
@@ -189,6 +189,13 @@ def _largest_within(field: np.ndarray, cells: int) -> np.ndarray:
     for axis in (0, 1):
         field = np.maximum.reduce([np.roll(field, shift, axis) for shift in range(-cells, cells + 1)])
     return field
+
+
+def _largest_of_tiles(field: np.ndarray) -> np.ndarray:
+    """Largest value in each tile of TILE x TILE cells."""
+    (hx, hy), t = field.shape, TILE
+    padded = np.pad(field, ((0, -hx % t), (0, -hy % t)), mode="edge")
+    return padded.reshape(-(-hx // t), t, -(-hy // t), t).max(axis=(1, 3))
 
 
 def make_medium(

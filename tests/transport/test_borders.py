@@ -116,16 +116,17 @@ def doubtful_flights(f, w, relief, lx, ly, directions, starts, path, out):
         ux, uy, uz = directions[i, 0], directions[i, 1], directions[i, 2]
         f[lanes.X], f[lanes.Y], f[lanes.Z], f[lanes.Z_START] = x + ux * path[i], y + uy * path[i], z + uz * path[i], z
         f[lanes.UX], f[lanes.UY], f[lanes.UZ], f[lanes.PATH] = ux, uy, uz, path[i]
-        look_around(f, w, 1, relief.cells_per_mm, relief.last_cell)
+        look_around(f, w, 1, np.float32(lx), np.float32(ly), relief.tiles_per_mm, relief.last_tile)
         out[i, 0] = below_all_around(f, w, 0, relief.around, 0)
         out[i, 1] = below_each_bulge(f, w, 0, relief, 0, lx, ly)
         out[i, 2] = first_hit(relief.heights[0], relief.bounds[0], lx, ly, x, y, z, ux, uy, uz, path[i], 1.0)
 
 
 @pytest.mark.parametrize("roughness", [0.02, 0.3])
-def test_a_flight_said_to_stay_below_crosses_nothing(roughness):
+@pytest.mark.parametrize("cells", [(24, 16), (21, 19)], ids=["whole tiles", "part of a tile"])
+def test_a_flight_said_to_stay_below_crosses_nothing(roughness, cells):
     rng = np.random.default_rng(3)
-    heights = (roughness * rng.normal(size=(24, 16))).astype(np.float32)
+    heights = (roughness * rng.normal(size=cells)).astype(np.float32)
     relief = make_relief([heights], (2.0, 1.0))
     n = 200_000
     directions = rng.normal(size=(n, 3))

@@ -83,7 +83,7 @@ def test_uniform_bricks_are_stored_once():
     index, edges = volume(64, 64)
     grid = make_grid(index, edges, np.float32)[0]
     assert grid.palette.size == 16 * 16 + 8 * 16 * BRICK * BRICK
-    assert np.count_nonzero(grid.brick & 1) == 8 * 16
+    assert np.count_nonzero(grid.brick & 1 == 0) == 8 * 16
 
 
 def test_what_each_plane_holds():

@@ -185,7 +185,7 @@ def test_block_passes_are_vectorized(block_pass, least):
     reals = real[::1]
     signature = {
         fly: (reals, words, count, reals), wrap: (reals, count, real, real),
-        locate: (reals, words, count, reals, words, count, count), look_around: (reals, words, count, reals, words),
+        locate: (reals, words, count, reals, words, count, count), look_around: (reals, words, count, real, real, reals, words),
         collide: (reals, words, count, count),
     }[block_pass]  # fmt: skip
     options = {name: value for name, value in block_pass.targetoptions.items() if name != "nopython"}
