@@ -104,8 +104,8 @@ class Walk:
 
 WALKS = {
     "matched, parallel light": Walk(_LAYERED.format(n=1.0, light="collimated")),
-    "n = 1.4, parallel light": Walk(_LAYERED.format(n=1.4, light="collimated")),
-    "n = 1.4, sky": Walk(_LAYERED.format(n=1.4, light="sky")),
+    "n = 1.4, parallel light": Walk(_LAYERED.format(n=1.4, light="collimated"), edge_mm=0.025),
+    "n = 1.4, sky": Walk(_LAYERED.format(n=1.4, light="sky"), edge_mm=0.025),
     "forearm, 540 nm, point light": Walk(
         "smoke_beam.yaml",
         (
