@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from skinrender.errors import InputError
 from skinrender.optics.inks import ink_absorption, ink_names
 from skinrender.optics.tables import spectrum_on_bands
 from skinrender.scene import BUILD_PARTS, Scene, about, scene_hash, schema_lesion
@@ -32,6 +33,7 @@ from skinrender.sources import sources_hash
 BUILD_SOURCES = ("optics", "skin")
 PLANE_MM = 0.005
 """Height of the voxels where borders are not flat; half of the thinnest layer there where that is less."""
+MOST_PLANES = 10_000
 _BLOCK_VOXELS = 1 << 22
 
 
@@ -193,7 +195,15 @@ def _folded(
     changes = [0, *(k for k in range(1, below) if np.any(entry[:, k] != entry[:, k - 1]))]
     _check_memory(stack.column_class.shape, 0, len(changes))
     border_mm = np.stack([evaluate_grid(heights.at(depth[k]), size_mm, x, y) for k in changes])
-    planes = _planes(heights, float(border_mm.max()), min(PLANE_MM, 0.5 * _thinnest_mm(stack, below)))
+    step_mm = min(PLANE_MM, 0.5 * _thinnest_mm(stack, below))
+    if heights.fold.bottom_mm / step_mm > MOST_PLANES:
+        raise InputError(
+            f"a layer is {2000 * step_mm:.3g} um thin: voxels half as high would take "
+            f"{heights.fold.bottom_mm / step_mm:.0f} planes, more than {MOST_PLANES}",
+            where="relief", remedy=f"Make the layers of the epidermis {2200 * heights.fold.bottom_mm / MOST_PLANES:.2g} um "
+            "thick or more, or use a flat relief and no border wave.",
+        )  # fmt: skip
+    planes = _planes(heights, float(border_mm.max()), step_mm)
     content = np.concatenate([np.zeros((len(entry), 1), np.uint16), entry[:, changes]], axis=1)
     whole = planes[-1] > depth[below] - 1e-9
     lower = entry[:, below:] if whole else entry[:, below - 1 :]

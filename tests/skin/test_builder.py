@@ -151,6 +151,12 @@ def test_too_large_for_memory_is_refused_with_its_size(monkeypatch):
         build_volume(scene(columns=8192))
 
 
+def test_a_layer_too_thin_for_its_relief_is_refused():
+    """Voxels half as high through the whole fold: half a million planes, minutes of work before the first photon."""
+    with pytest.raises(InputError, match=r"0\.001 um thin.*more than 10000"):
+        build_volume(scene(skin={"site": "forearm", "layers": {"basal": {"thickness_um": 0.001}}}))
+
+
 def test_height_field_too_large_for_memory():
     with pytest.raises(InputError, match="height field of 400000 x 400000"):
         build_volume(scene(size=10_000))

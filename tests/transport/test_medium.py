@@ -62,6 +62,14 @@ def test_equal_planes_are_one_slab_whatever_their_number():
         assert majorant.tolist() == [[0.0, 0.0, 7.0]]
 
 
+def test_slabs_of_very_many_planes_are_bounds_still():
+    """As many as an epidermis of 0.1 um under a wave has; all pairs of them would take minutes."""
+    rng = np.random.default_rng(5)
+    mu_t, edges = rng.uniform(1.0, 50.0, 8000), np.linspace(0.0, 0.4, 8001)
+    majorant, plane_slab = make_majorant(mu_t, edges)
+    assert np.all(majorant[plane_slab, 2] >= mu_t)
+
+
 def depth_error_mm(mu_t, edges):
     """Largest error of the depth that a flight in the chosen number type ends at."""
     majorant, _ = make_majorant(mu_t, edges)
