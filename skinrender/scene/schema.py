@@ -31,8 +31,8 @@ class Photons(Part):
     roulette: Flag = Field(True, description="store fewer of the photons that hardly show, with a higher weight")
     wavelengths: Literal["uniform", "visible"] = Field(
         "uniform",
-        description="as many histories in every band, or more in the bands by which a picture has its color: half the time "
-        "to the same noise of color, twice the noise of the bands at the ends of the spectrum",
+        description="as many histories in every band, or more in the bands by which a picture has its color: two "
+        "thirds of the time to the same noise of luminance and color, half as much noise again in the deep red",
     )
 
 
