@@ -24,7 +24,7 @@
 # make bench-leave-out  time and memory of each feature: pairs of scenes with and without it
 PYTHON ?= python3
 PHOTONS ?= 5e7
-METHODS_PHOTONS ?= 1e7
+METHODS_PHOTONS ?= 4e6
 TRIES ?= 200
 FUZZ_SECONDS ?= 60
 VENV := .venv
@@ -89,7 +89,7 @@ methods: $(INSTALLED)
 	for scene in fig12_epidermal fig14_deep; do \
 	  for method in beam point reference; do \
 	    $(BIN)/skinrender render configs/$$scene.yaml --method $$method --photons $(METHODS_PHOTONS) \
-	      --set 'camera.pixels=[100,100]' -o out/methods/$$scene || exit; \
+	      --set 'camera.pixels=[64,64]' --set 'bands_nm={start: 400, stop: 720, step: 40}' -o out/methods/$$scene || exit; \
 	  done; \
 	  $(BIN)/python -m skinrender.analysis.method_pictures out/methods/$$scene out/methods/$$scene.png || exit; \
 	done
