@@ -44,6 +44,7 @@ class HeldRecipe:
 
     @property
     def provenance(self) -> Mapping[str, Any]:
+        # as long as a file's hash, for the bytes that a plan predicts, and another for another volume
         return _provenance(f"{id(self.volume):064x}", self.light, self.roulette)
 
     def build(self, seed: int) -> Any:

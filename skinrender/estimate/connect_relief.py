@@ -56,8 +56,7 @@ def connect_ray(film, heights, lx, ly, eta, a, b, entry_z, spread, z, flight, an
 
 @allocating_kernel
 def deposit_relief(
-    position, direction, first, last, keep, lx, ly, periodic, tissue, film, mesh, heights, cells, eta, least, number,
-    image,
+    position, direction, first, last, keep, lx, ly, periodic, tissue, film, mesh, heights, cells, eta, least, number, image,
 ):
     """Adds the photons first..last-1 of one band to the picture.
 
@@ -81,8 +80,7 @@ def deposit_relief(
     stack, found = np.empty((4 * mesh.size.shape[0] + 4, 3), np.int64), np.empty((_MOST_RAYS, 4))
     tau = np.zeros(1)
     whole, highest = mesh.bounds.shape[0] - 1, cells[:, :, 0].min() - _ABOVE_MM
-    x_first, x_last, y_first, y_last = 0, 0, 0, 0
-    contributions = 0
+    x_first, x_last, y_first, y_last, contributions = 0, 0, 0, 0, 0
     for i in range(first, last):
         z = np.float64(position[i, 2])
         if z >= tissue.deepest:
@@ -112,8 +110,7 @@ def deposit_relief(
                         continue
                     tau[0], (dx, dy, dz) = 0.0, inside
                     add_optical_depth(
-                        tissue.palette_index, tissue.z_edges, lx, ly, tissue.mu_t, a, b, entry_z, dx, dy, dz, length,
-                        tau
+                        tissue.palette_index, tissue.z_edges, lx, ly, tissue.mu_t, a, b, entry_z, dx, dy, dz, length, tau
                     )
                     image[pixel] += np.float32(value * math.exp(-tau[0]) / chance)
                     contributions += 1

@@ -185,11 +185,9 @@ def add_to_each(
 @allocating_kernel
 def deposit(
     position, direction, first, last, keep, z_top, lx, ly, periodic, relief, edges, region, to_lattice, bounds,
-    only_ray,
-    start, rays, ray_direction, worth, pixel_of, h, w, palette_index, z_edges, g, factor, y_weight, image, y_image,
+    only_ray, start, rays, ray_direction, worth, pixel_of, h, w, palette_index, z_edges, g, factor, y_weight, image, y_image,
 ):
-    """Adds the photons first..last-1 of one band to the slab images, and what they show to the luminance of their
-    batch.
+    """Adds the photons first..last-1 of one band to the slab images, and what they show to their batch's luminance.
 
     In passes over blocks of photons: which bin, which ray, what it is worth. Every table is larger than the cache, and
     only when a pass does nothing but look up do the processor's misses overlap.
@@ -229,8 +227,7 @@ def deposit(
             slab, q = cell_of[k, 0], ray[k]
             if q >= 0:
                 value = connect(
-                    slab, q, entry[k, 0], entry[k, 1], entry[k, 2], entry[k, 3], entry[k, 5], region, ray_direction,
-                    worth
+                    slab, q, entry[k, 0], entry[k, 1], entry[k, 2], entry[k, 3], entry[k, 5], region, ray_direction, worth
                 )
                 entry[k, 0] = entry[k, 4] * value
                 ray[k] = pixel_of[q]

@@ -222,8 +222,7 @@ def close_holes(f, w, n):
 
 @entry_kernel
 def walk(f, w, source, light, medium, relief, keep, position, direction, tallies, exits, state):
-    """Walks the histories of `source`; returns early, to be called again, after a while and when the output is nearly
-    full.
+    """Walks the histories of `source`; returns early, to be called again, after a while and when the output is filling.
 
     Parameters
     ----------
@@ -235,8 +234,7 @@ def walk(f, w, source, light, medium, relief, keep, position, direction, tallies
     position, direction : (3 n,) float32 and (n,) int32 to fill, n > LANES, or None: nothing is stored.
     tallies : (WAYS, columns) int64, added to: copies, to be summed.
     exits : (histories, 6) float32 or None, see `leave`.
-    state : int64 [histories used up, lanes in flight, photons stored, flights since a history ended]; 0 lanes in
-        flight: finished.
+    state : int64 [histories used up, lanes in flight (0: finished), photons stored, flights since a history ended].
     """
     cursor = state[0:1]
     tally = tallies[0]

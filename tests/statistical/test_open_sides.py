@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from tests.maps import light_up, see, slab_data, slab_layer
 
@@ -23,13 +24,14 @@ def profile(sides: str, method: str, seed: int) -> np.ndarray:
 
 @pytest.mark.parametrize("sides", ["open", "dielectric"])
 def test_the_profile_across_a_side_is_that_of_the_reference(sides):
-    mean, variance = {}, {}
-    for k, method in enumerate(("beam", "reference")):
-        profiles = np.array([profile(sides, method, 1 + seed + SEEDS * k) for seed in range(SEEDS)])
-        mean[method] = profiles.mean(axis=0)
-        variance[method] = np.mean((profiles.std(axis=0, ddof=1) / mean[method]) ** 2) / SEEDS
-    error = np.sqrt(variance["beam"] + variance["reference"])
-    assert error < 0.02
-    ratio = mean["beam"] / mean["reference"]
-    assert np.all(np.abs(ratio - 1) < LARGEST_Z * error), ratio
-    assert mean["reference"][0] < 0.9 * mean["reference"][-1], "there is something to flatten"
+    """Welch's t of each strip, brought to a normal's quantiles: the middle strip is four pixels, the outermost 156."""
+    beam, reference = (
+        np.array([profile(sides, method, first + seed) for seed in range(SEEDS)])
+        for method, first in (("beam", 1), ("reference", 1 + SEEDS))
+    )
+    t, p = stats.ttest_ind(beam, reference, equal_var=False)
+    z = np.sign(t) * stats.norm.isf(p / 2)
+    assert np.all(np.abs(z) < LARGEST_Z), z
+    error = np.hypot(stats.sem(beam), stats.sem(reference))
+    assert error[0] < 0.03 * reference[:, 0].mean(), "a kernel alone is 66 or 5 % off there"
+    assert reference[:, 0].mean() < 0.9 * reference[:, -1].mean(), "there is something to flatten"
