@@ -75,7 +75,7 @@ def bare_walk(f, w, steps, free_path, rows, g):
     for _ in range(steps):
         bare_fly(f, w, LANES, free_path)
         bare_gather(f, w, LANES, rows, g)
-        collide(f, w, LANES, PER_LAYER + 1)
+        collide(f, w, LANES, PER_LAYER + 1, PER_LAYER + 2)
     return steps * LANES
 
 

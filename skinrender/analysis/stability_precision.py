@@ -80,7 +80,7 @@ def many_turns(outcomes: Sequence[Outcome]) -> Iterator[Measure]:
     f[G : G + LANES] = 0.9
     w[SCATTER_BELOW : SCATTER_BELOW + LANES], w[ABSORB_ABOVE : ABSORB_ABOVE + LANES] = 2**31 - 1, 2**31 - 1
     for _ in range(TURNS):
-        collide(f, w, LANES, tally.PER_LAYER + 1)
+        collide(f, w, LANES, tally.PER_LAYER + 1, tally.columns(1))
     u = np.stack([f[k : k + LANES] for k in (UX, UY, UZ)]).astype(float)
     yield Measure("length's deviation from 1", float(np.abs(np.linalg.norm(u, axis=0) - 1.0).max()), 1e-6)
     z = u.mean(axis=1) * math.sqrt(3.0 * LANES)

@@ -18,7 +18,7 @@ from skinrender.skin.volume import SkinVolume
 from skinrender.transport import tally
 from skinrender.transport.borders import DIELECTRIC, OPEN, PERIODIC, Borders
 from skinrender.transport.emission import collimated_parameters, point_parameters, sky_parameters
-from skinrender.transport.lanes import new_block
+from skinrender.transport.lanes import BAND, new_block
 from skinrender.transport.medium import (
     Medium,
     block_type,
@@ -30,13 +30,13 @@ from skinrender.transport.medium import (
 )
 from skinrender.transport.relief import SAMPLE_BYTES
 from skinrender.transport.rng import stream_key
-from skinrender.transport.walk import walk
+from skinrender.transport.walk import IDLE, IN_FLIGHT, STORED, Histories, walk
 
 SIDES = {"periodic": PERIODIC, "open": OPEN, "dielectric": DIELECTRIC}
 WALK_STAGE = 0
 TILE_MM = 1.0
-_BYTES_STORED = 16
-"""Of a photon in memory: position and direction; its band follows from its place."""
+_BYTES_STORED = 17
+"""Of a photon in memory: position, direction and band."""
 ENDLESS = 1 << 35
 """Flights without the end of a history after which a walk is given up: some minutes."""
 
@@ -63,8 +63,8 @@ class Round:
 
 
 def round_memory_bytes(stored: float) -> float:
-    """Most that `PhotonPass.walk` holds of a round's photons: arrays that have become too small, and larger ones."""
-    return 2 * _BYTES_STORED * stored
+    """Most that `PhotonPass.walk` holds of a round's photons: as they were walked, with room for more, and in order."""
+    return 2.5 * _BYTES_STORED * stored
 
 
 def pass_bytes(volume: SkinVolume) -> int:
@@ -95,15 +95,15 @@ class PhotonPass:
         self.layer_names = volume.layer_name[1:]
         self.power_per_band_aimed = light.power_aimed_per_band(volume.size_mm)
         self.depth_table: DepthTable = (keep_visible if roulette else keep_all)(volume)
-        self._medium = lru_cache(maxsize=None)(self._make_medium)
+        self._medium = lru_cache(maxsize=2)(self._make_medium)
         self._majorant = lru_cache(maxsize=None)(self._make_majorant)
-        self._grid = lru_cache(maxsize=2)(self._make_grid)
         self._expected = 0  # photons of the round before: the next one's arrays begin as large
 
     def seeded(self, seed: int) -> PhotonPass:
         """The same pass with another seed; they share what is prepared for each band."""
         other = copy.copy(self)
         other.seed = seed
+        other.__dict__.pop("_keys", None)
         return other
 
     @property
@@ -118,9 +118,6 @@ class PhotonPass:
     def _holds(self) -> np.ndarray:
         return make_grid(self.volume.tissue_index, self._z_edges, np.float32)[1]
 
-    def _make_grid(self, real: type):
-        return make_grid(self.volume.tissue_index, self._z_edges, real)[0]
-
     @cached_property
     def _regions(self):
         return regions_of(self.volume)
@@ -131,7 +128,8 @@ class PhotonPass:
         fields = [field - np.float32(z_top) for field in self._regions.heights_mm if field is not None]
         return make_relief(fields, self.volume.size_mm)
 
-    def _borders(self, band: int) -> Borders:
+    @cached_property
+    def _borders(self) -> Borders:
         regions = self._regions
         z = regions.border_z_mm - self.volume.z_edges_mm[0]
         is_rough = np.array([field is not None for field in regions.heights_mm])
@@ -142,9 +140,9 @@ class PhotonPass:
             safe_top[k] = cells[..., 1].max()
             if k > 0:
                 safe_bottom[k - 1] = cells[..., 0].min()
-        table = np.column_stack([z, rough, regions.index[1:, band], safe_top, safe_bottom])
+        table = np.column_stack([z, rough, safe_top, safe_bottom])
         lx, ly = map(float, self.volume.size_mm)
-        return Borders(table, float(regions.index[0, band]), lx, ly, SIDES[self.volume.sides])
+        return Borders(table, np.ascontiguousarray(regions.index.T), lx, ly, SIDES[self.volume.sides])
 
     def stiffness(self, band: int) -> str | None:
         """Why a band is walked in float64; None where float32 will do."""
@@ -158,17 +156,21 @@ class PhotonPass:
         mu_t = self.volume.mu_a[:, band] + self.volume.mu_s[:, band]
         return np.where(self._holds, mu_t[: self._holds.shape[1]], 0.0).max(axis=1)
 
-    def _make_medium(self, band: int) -> tuple[Medium, type]:
+    def _make_medium(self, real: type) -> Medium:
         v = self.volume
-        mu_a, mu_s = v.mu_a[:, band], v.mu_s[:, band]
-        majorant, plane_slab = self._majorant(band)
-        real = self.real or block_type(majorant, self._z_edges)
+        grid, _ = make_grid(v.tissue_index, self._z_edges, real)
         layer = np.maximum(v.palette_layer.astype(np.int32) - 1, 0)
-        medium = make_medium(
-            self._grid(real), majorant, plane_slab, mu_a, mu_s, v.g[:, band], layer, len(self.layer_names), self._borders(band),
+        return make_medium(
+            grid, list(map(self._majorant, range(self.bands))), v.mu_a, v.mu_s, v.g, layer, len(self.layer_names), self._borders,
             self._z_edges, v.shape[:2], v.z_edges_mm[0], real,
         )  # fmt: skip
-        return medium, real
+
+    @cached_property
+    def _in_double(self) -> np.ndarray:
+        """(B,) whether a band is walked in float64."""
+        return np.array([
+            (self.real or block_type(self._majorant(band)[0], self._z_edges)) is np.float64 for band in range(self.bands)
+        ])  # fmt: skip
 
     @cached_property
     def _light_parameters(self) -> np.ndarray:
@@ -192,51 +194,53 @@ class PhotonPass:
         exits : receives, per band, an (n, 6) float32 array x, y, ux, uy, uz, scattered of the photons that left
             upwards.
         """
+        histories = np.array(histories, dtype=np.int64)
         tallies = np.zeros((self.bands, tally.columns(len(self.layer_names))), dtype=np.int64)
         photons = StoredPhotons(self._expected) if store else None
-        stored = np.zeros(self.bands, dtype=np.int64)
-        for band in np.flatnonzero(histories):
-            before = photons.count if store else 0
-            self._walk_band(int(band), index, int(histories[band]), photons, tallies[band], exits)
-            stored[band] = photons.count - before if store else 0
-        if store:
-            self._expected = int(stored.sum())
-        position, direction = (photons or StoredPhotons()).arrays()
-        return Round(index, np.array(histories, dtype=np.int64), tallies, position, direction, stored)
+        before = np.cumsum(histories) - histories
+        left = None if exits is None else np.zeros((histories.sum(), 6), np.float32)
+        for real, these in ((np.float32, ~self._in_double), (np.float64, self._in_double)):
+            count = np.where(these, histories, 0)
+            if count.any():
+                tiles = np.maximum(1, np.ceil(np.array(self.volume.size_mm) / TILE_MM)).astype(int)
+                source = Histories(
+                    self._keys, index * histories, count, before, *tiles.tolist(), -float(self.volume.z_edges_mm[0]),
+                    not has_single_term(self.volume, self.light),
+                )  # fmt: skip
+                self._walk(real, source, photons, tallies, left)
+        if exits is not None:
+            gone = tallies[:, tally.REFLECTED] - tallies[:, tally.SPECULAR]
+            exits.extend(left[before[band] :][: gone[band]] for band in np.flatnonzero(histories))
+        position, direction, stored = (photons or StoredPhotons()).in_band_order(self.bands)
+        self._expected = int(stored.sum())
+        return Round(index, histories, tallies, position, direction, stored)
 
-    def _walk_band(
-        self, band: int, index: int, count: int, photons: StoredPhotons | None, counts: np.ndarray, exits: list | None
+    @cached_property
+    def _keys(self) -> np.ndarray:
+        """(B,) of the generators of each band's histories."""
+        return np.array([stream_key(self.seed, band, WALK_STAGE) for band in range(self.bands)])
+
+    def _walk(
+        self, real: type, source: Histories, photons: StoredPhotons | None, counts: np.ndarray, left: np.ndarray | None
     ) -> None:
-        medium, real = self._medium(band)
-        tiles = np.maximum(1, np.ceil(np.array(self.volume.size_mm) / TILE_MM)).astype(int)
-        z_mean = -float(self.volume.z_edges_mm[0])
-        first_too = not has_single_term(self.volume, self.light)
-        key = stream_key(self.seed, band, WALK_STAGE)
-        source = (key, index * count, count, int(tiles[0]), int(tiles[1]), z_mean, first_too)
-        keep = self.depth_table.thresholds(band)
-        left = None if exits is None else np.zeros((count, 6), np.float32)
-        tallies = np.zeros((tally.WAYS, counts.size), dtype=np.int64)
+        medium, keep = self._medium(real), self.depth_table.thresholds
+        tallies = np.zeros((tally.WAYS, *counts.shape), dtype=np.int64)
         f, w = new_block(real)
-        state = np.zeros(4, dtype=np.int64)
-        position = direction = None
+        state = np.zeros(5, dtype=np.int64)
+        arrays = None
         while True:
             if photons is not None:
                 photons.make_room()
-                position, direction, state[2] = photons.position, photons.direction, photons.count
-            walk(
-                f, w, source, self._light_parameters, medium, self._relief, keep, position, direction, tallies, left,
-                state,
-            )  # fmt: skip
+                arrays, state[STORED] = photons.arrays, photons.count
+            walk(f, w, source, self._light_parameters, medium, self._relief, keep, arrays, tallies, left, state)
             if photons is not None:
-                photons.count = int(state[2])
-            if state[1] == 0:
+                photons.count = int(state[STORED])
+            if state[IN_FLIGHT] == 0:
                 break
-            if state[3] > ENDLESS:
+            if state[IDLE] > ENDLESS:
                 raise RunError(
-                    f"at {self.volume.wavelength_nm[band]:g} nm photons hardly ever end: none has in "
+                    f"at {self.volume.wavelength_nm[w[BAND]]:g} nm photons hardly ever end: none has in "
                     f"{ENDLESS:.1g} flights\n"
                     "  give the tissue some absorption, or make it thinner or clearer"
                 )
         counts += tallies.sum(axis=0)
-        if exits is not None:
-            exits.append(left[: counts[tally.REFLECTED] - counts[tally.SPECULAR]])

@@ -7,6 +7,7 @@ transmittance and weighs the reciprocal, looked up from the same table: unbiased
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -17,6 +18,7 @@ FULL_DEPTH = 1.0
 LEAST = 1e-6
 BIN_MM = 0.005
 MAX_BINS = 1000
+_WORD = 2.0**32
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,19 +27,20 @@ class DepthTable:
 
     Parameters
     ----------
-    keep_probability : (B, D) f4 or None.
+    keep_probability : (B, D) f4 or None; whole multiples of 2^-32, as one word decides.
     depth_edges_mm : (D + 1,) equidistant, z of the scene; the last bin holds all that is deeper.
     """
 
     keep_probability: np.ndarray | None
     depth_edges_mm: np.ndarray | None
 
-    def thresholds(self, band: int) -> np.ndarray | None:
-        """Table of `walk.kept`: bins per mm, then the probabilities."""
+    @cached_property
+    def thresholds(self) -> tuple[float, np.ndarray] | None:
+        """What `walk.thin_out` reads: bins per mm, and the largest words that keep."""
         if self.keep_probability is None:
             return None
-        per_mm = 1.0 / (self.depth_edges_mm[1] - self.depth_edges_mm[0])
-        return np.concatenate([[per_mm], self.keep_probability[band]]).astype(np.float64)
+        largest = self.keep_probability.astype(np.float64) * _WORD - (0.5 * _WORD + 1.0)
+        return 1.0 / float(self.depth_edges_mm[1] - self.depth_edges_mm[0]), largest.astype(np.int32)
 
 
 def keep_all(volume: SkinVolume) -> DepthTable:
@@ -55,7 +58,7 @@ def keep_visible(volume: SkinVolume) -> DepthTable:
     edges = np.linspace(z[0], z[-1], bins + 1)
     # at the upper edge of a bin, where its photons show most
     tau = np.array([np.interp(edges[:-1], z, depth[:, band]) for band in range(mu_t.shape[1])])
-    keep = np.clip(np.exp(FULL_DEPTH - tau), LEAST, 1.0)
+    keep = np.rint(np.clip(np.exp(FULL_DEPTH - tau), LEAST, 1.0) * _WORD) / _WORD
     if keep.min() == 1.0:
         return keep_all(volume)
     return DepthTable(keep.astype(np.float32), edges)

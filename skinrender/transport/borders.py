@@ -15,6 +15,7 @@ from skinrender.transport import inlined_kernel, kernel
 from skinrender.transport.fresnel import fresnel, reflect, refract
 from skinrender.transport.height_field import first_hit, height
 from skinrender.transport.lanes import (
+    BAND,
     BORDER,
     FRESH,
     LANES,
@@ -40,41 +41,40 @@ INSIDE, LEFT_TOP, LEFT_BOTTOM, LEFT_SIDE = 0, 1, 2, 3
 _MAX_AIR_BOUNCES = 10_000
 
 
-# Columns of `Borders.table`: z of the border, its row in the height fields or -1, and of the region below it the
-# refractive index and the depths between which none of its borders reaches. The row after the last border holds the
-# index below all.
-BORDER_Z, INDEX, SAFE_TOP, SAFE_BOTTOM = 0, 2, 3, 4
+# Columns of `Borders.table`: z of the border, its row in the height fields or -1, and of the region below it the depths
+# between which none of its borders reaches.
+BORDER_Z, SAFE_TOP, SAFE_BOTTOM = 0, 2, 3
 
 
 class Borders(NamedTuple):
     """Borders of R regions, top to bottom; z in mm from the top of the volume.
 
-    table (R + 1, 5): see the columns; index_above: refractive index outside; lx, ly: extent of the patch.
-    Few and small members: a kernel call copies each array's header, and with fourteen arrays that cost more than the
-    border itself.
+    table (R + 1, 4): see the columns; index (B, R + 2): refractive indices of each band outside, in the regions and
+    below; lx, ly: extent of the patch. Few members: a kernel call copies each array's header, and with fourteen arrays
+    that cost more than the border itself.
     """
 
     table: np.ndarray
-    index_above: float
+    index: np.ndarray
     lx: float
     ly: float
     sides: int
 
 
 @kernel
-def index_of(borders, region):
-    """Refractive index of a region; -1 is the outside, R what lies below."""
-    return borders.index_above if region < 0 else borders.table[region, INDEX]
+def index_of(borders, band, region):
+    """Refractive index of a region in a band; -1 is the outside, R what lies below."""
+    return borders.index[np.uint64(band), np.uint64(region + 1)]
 
 
 @kernel
-def majorant_depth(majorant, z):
-    """Majorant optical depth at depth z (mm); majorant (slabs, 3): upper edge (mm), its optical depth, majorant
-    (1/mm)."""
-    k = majorant.shape[0] - 1
-    while k > 0 and z < majorant[k, 0]:
+def majorant_depth(majorant, band, z):
+    """Majorant optical depth of a band at depth z (mm); majorant (B, slabs, 3): upper edge (mm), its optical depth,
+    majorant (1/mm)."""
+    k = majorant.shape[1] - 1
+    while k > 0 and z < majorant[band, k, 0]:
         k -= 1
-    return majorant[k, 1] + (z - majorant[k, 0]) * majorant[k, 2]
+    return majorant[band, k, 1] + (z - majorant[band, k, 0]) * majorant[band, k, 2]
 
 
 @kernel
@@ -129,14 +129,15 @@ def side_distance(borders, x, y, dx, dy, path):
 
 
 @inlined_kernel
-def enter_surface(words, lane, borders, relief, x, y, z, ux, uy, uz, started):
-    """Follows a photon in the air above the skin until it enters or escapes upwards.
+def enter_surface(w, i, borders, relief, x, y, z, ux, uy, uz, started):
+    """Follows the photon of lane i in the air above the skin until it enters or escapes upwards.
 
     Returns (entered, reflections, x, y, z, ux, uy, uz). A flat surface is met at z = border 0; `started` says that the
     photon starts on the surface (it has just left it) and not at the top of the volume.
     """
     lx, ly = borders.lx, borders.ly
-    index_out, index_in = borders.index_above, borders.table[0, INDEX]
+    band = w[BAND + i]
+    index_out, index_in = index_of(borders, band, -1), index_of(borders, band, 0)
     bounces = 0
     rough = False
     if relief is not None:
@@ -163,7 +164,7 @@ def enter_surface(words, lane, borders, relief, x, y, z, ux, uy, uz, started):
             s = (borders.table[0, BORDER_Z] - z) / uz
             x, y, z = x + ux * s, y + uy * s, borders.table[0, BORDER_Z]
         cos_i = min(1.0, max(0.0, ux * nx + uy * ny + uz * nz))
-        is_reflected, cos_t = split(words, lane, cos_i, index_out, index_in)
+        is_reflected, cos_t = split(w, i, cos_i, index_out, index_in)
         if not is_reflected:
             ux, uy, uz = refract(ux, uy, uz, nx, ny, nz, index_out / index_in, cos_i, cos_t)
             return True, bounces, x, y, z, ux, uy, uz
@@ -188,7 +189,7 @@ def place(f, w, i, borders, majorant, relief, region, x, y, z, ux, uy, uz, rough
             h = height(relief.heights[rough_border], lx, ly, np.float64(f[X + i]), np.float64(f[Y + i]))
             z = h + inside_sign * OFFSET_MM
     f[Z + i] = z
-    f[M + i] = majorant_depth(majorant, z)
+    f[M + i] = majorant_depth(majorant, w[BAND + i], z)
     f[UX + i], f[UY + i], f[UZ + i] = ux, uy, uz
     f[Z_SAFE_TOP + i] = borders.table[region, SAFE_TOP]
     f[Z_SAFE_BOTTOM + i] = borders.table[region, SAFE_BOTTOM]
@@ -236,7 +237,8 @@ def meet_side(f, w, i, borders, majorant, relief, region, x, y, z, ux, uy, uz, w
     if borders.sides == OPEN:
         return LEFT_SIDE
     cos_i = min(1.0, abs(ux * wall_x + uy * wall_y))
-    is_reflected, _ = split(w, i, cos_i, index_of(borders, region), borders.index_above)
+    band = w[BAND + i]
+    is_reflected, _ = split(w, i, cos_i, index_of(borders, band, region), index_of(borders, band, -1))
     if not is_reflected:
         return LEFT_SIDE
     ux, uy, uz = reflect(ux, uy, uz, wall_x, wall_y, 0.0)
@@ -257,7 +259,8 @@ def meet_border(f, w, i, borders, majorant, relief, region, k, side, x, y, z, ux
             nx, ny, nz = -side * dx, -side * dy, -side * dz
     if rough < 0:
         z = borders.table[k, BORDER_Z]
-    index_from, index_to = index_of(borders, region), index_of(borders, region - side)
+    band = w[BAND + i]
+    index_from, index_to = index_of(borders, band, region), index_of(borders, band, region - side)
     cos_i = min(1.0, max(0.0, ux * nx + uy * ny + uz * nz))
     is_reflected, cos_t = split(w, i, cos_i, index_from, index_to)
     into, inside_sign, left = region, np.float64(side), INSIDE

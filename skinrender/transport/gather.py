@@ -13,7 +13,7 @@ import numpy as np
 
 from skinrender.transport import kernel
 from skinrender.transport.bricks import BRICK_BITS
-from skinrender.transport.lanes import ABSORB_ABOVE, BRICKS, IN_BRICK, PLANE, SCATTER_BELOW, TISSUE, VOXEL, G, Z
+from skinrender.transport.lanes import ABSORB_ABOVE, BAND, BRICKS, IN_BRICK, PLANE, SCATTER_BELOW, TISSUE, VOXEL, G, Z
 
 
 class Grid(NamedTuple):
@@ -62,13 +62,14 @@ def find_voxels(f, w, n, grid):
 def gather(f, w, n, grid, plane_row, rows, rows_as_float):
     """Sets the thresholds, anisotropy and tissue layer of n lanes.
 
-    rows (slabs * P, 4) int32 of the band and the same memory as float32; plane_row (planes,): first row of the plane's
-    majorant slab. The palette is the one table larger than the cache. In a loop this short the processor has the looks
-    into it of many lanes under way together.
+    rows (., 4) int32 and the same memory as float32; plane_row (B planes,): first row of a band and plane's majorant
+    slab. The palette is the one table larger than the cache. In a loop this short the processor has the looks into it of
+    many lanes under way together.
     """
-    palette = grid.palette
+    palette, planes = grid.palette, np.uint64(grid.planes)
     for i in range(n):
-        row = np.uint64(plane_row[np.uint64(w[PLANE + i])]) + np.uint64(palette[np.uint64(w[VOXEL + i])])
+        first = plane_row[np.uint64(w[BAND + i]) * planes + np.uint64(w[PLANE + i])]
+        row = np.uint64(first) + np.uint64(palette[np.uint64(w[VOXEL + i])])
         w[SCATTER_BELOW + i] = rows[row, ROW_SCATTER]
         w[ABSORB_ABOVE + i] = rows[row, ROW_ABSORB]
         f[G + i] = rows_as_float[row, ROW_G]

@@ -19,7 +19,9 @@ PATH = 7 * LANES  # length of the flight just made (mm)
 Z_START = 8 * LANES  # z at the start of that flight
 Z_SAFE_TOP, Z_SAFE_BOTTOM = 9 * LANES, 10 * LANES  # between these no border can be met
 G = 11 * LANES  # anisotropy at the collision
-FLOAT_ROWS = 12
+SLABS = 5  # of the majorant, at most; the next rows hold those of the lane's band, see `medium.flight_constants`
+SLAB_DEPTH, FREE_PATH = 12 * LANES, (11 + SLABS) * LANES
+FLOAT_ROWS = 11 + 2 * SLABS
 
 # int32 rows; the first four are the generator's state words
 WORDS = 0
@@ -37,7 +39,9 @@ OVER = 16 * LANES  # row of `relief.Relief.around`
 SHOWN = 17 * LANES  # 1: scattered, and belongs into the map
 ENDED = 18 * LANES  # 1: the history has ended
 VOXEL = 19 * LANES  # place of the voxel in `gather.Grid.palette`
-INT_ROWS = 20
+BAND = 20 * LANES  # wavelength band
+ROLLED = 21 * LANES  # the word by which roulette on storage decides
+INT_ROWS = 22
 
 STRAIGHT, UNSCATTERED = 1, 2
 EMPTY = -1  # value of FRESH when a photon has left and no other is in its lane

@@ -5,6 +5,7 @@ Nothing here is a kernel; it runs once per scene (`make_grid`, `make_borders`) a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from skinrender.transport.borders import Borders
 from skinrender.transport.bricks import BRICK
 from skinrender.transport.gather import Grid
 from skinrender.transport.height_field import bulge_bound, cell_bounds
-from skinrender.transport.move import SLABS
+from skinrender.transport.lanes import SLABS
 from skinrender.transport.relief import NEAR, TILE, Relief
 
 _COARSE_CELLS = 4096
@@ -23,7 +24,11 @@ _WORD = 2.0**32
 
 
 class Medium(NamedTuple):
-    """All that a walk reads of one band's tissue, besides the relief (see `walk`)."""
+    """All that a walk reads of the tissue in its B bands, besides the relief (see `walk`).
+
+    majorant (B, SLABS, 3), see `make_majorant`; slabs (B, 2 SLABS - 1), see `flight_constants`; plane_row (B planes,):
+    first row of each band and plane; rows of all bands, see `make_rows`.
+    """
 
     borders: Borders
     majorant: np.ndarray
@@ -124,7 +129,8 @@ def make_majorant(plane_mu_t: np.ndarray, z_edges_mm: np.ndarray) -> tuple[np.nd
 
 
 def flight_constants(majorant: np.ndarray, real: type) -> np.ndarray:
-    """Constants of `move.fly`: lower optical depths, first reciprocal majorant and its changes, padded to SLABS."""
+    """Of a band, what its lanes hold for `move.fly`: lower optical depths, first reciprocal majorant and its changes,
+    padded to SLABS."""
     free_path = 1.0 / majorant[:, 2]
     slabs = len(majorant)
     lower = np.full(SLABS - 1, float(np.finfo(np.float32).max))
@@ -209,24 +215,36 @@ def _largest_of_tiles(field: np.ndarray) -> np.ndarray:
 
 
 def make_medium(
-    grid: Grid, majorant: np.ndarray, plane_slab: np.ndarray, mu_a: np.ndarray, mu_s: np.ndarray, g: np.ndarray,
+    grid: Grid, majorants: Sequence[tuple[np.ndarray, np.ndarray]], mu_a: np.ndarray, mu_s: np.ndarray, g: np.ndarray,
     layer: np.ndarray, layers: int, borders: Borders, z_edges_mm: np.ndarray, columns: tuple[int, int], z_top: float,
     real: type,
 ) -> Medium:  # fmt: skip
-    """Executed medium of one band.
+    """Executed medium of B bands.
 
-    majorant, plane_slab : of `make_majorant`; mu_a, mu_s (1/mm), g, layer (P,): palette entries, of `layers` tissue
-    layers; borders and z_edges_mm in mm from the top of the volume, which is z_top in the scene's coordinates.
+    majorants : of `make_majorant`, of each band; mu_a, mu_s (1/mm), g (P, B), layer (P,): palette entries, of `layers`
+    tissue layers; borders and z_edges_mm in mm from the top of the volume, which is z_top in the scene's coordinates.
     """
     period = np.array([borders.lx, borders.ly])
     cells = np.array([columns[0] / period[0], columns[1] / period[1], _COARSE_CELLS / z_edges_mm[-1]])
     last = np.array([columns[0] - 1, columns[1] - 1, _COARSE_CELLS - 1], dtype=np.int32)
-    rows = make_rows(collision_thresholds(mu_a, mu_s, majorant[:, 2]), g, layer)
+    rows, plane_row, first = [], [], 0
+    for band, (majorant, plane_slab) in enumerate(majorants):
+        thresholds = collision_thresholds(mu_a[:, band], mu_s[:, band], majorant[:, 2])
+        rows.append(make_rows(thresholds, g[:, band], layer))
+        plane_row.append(first + plane_slab * len(mu_a))
+        first += len(rows[-1])
+    all_rows = np.concatenate(rows)
     return Medium(
-        borders, majorant, flight_constants(majorant, real), grid, cells.astype(real), last,
-        (plane_slab * len(mu_a)).astype(np.int32), rows, rows.view(np.float32), layers, period.astype(real),
+        borders, np.stack([_padded(majorant) for majorant, _ in majorants]),
+        np.stack([flight_constants(majorant, real) for majorant, _ in majorants]), grid, cells.astype(real), last,
+        np.concatenate(plane_row).astype(np.int32), all_rows, all_rows.view(np.float32), layers, period.astype(real),
         float(z_top),
     )  # fmt: skip
+
+
+def _padded(majorant: np.ndarray) -> np.ndarray:
+    """A majorant with SLABS slabs: those added begin below everything."""
+    return np.concatenate([majorant, np.tile([np.inf, 0.0, 0.0], (SLABS - len(majorant), 1))])
 
 
 def make_rows(thresholds: np.ndarray, g: np.ndarray, layer: np.ndarray) -> np.ndarray:

@@ -1,6 +1,6 @@
 """First pass: free flight of every lane (the paper's equation (2), across voxels of different extinction).
 
-The majorant extinction depends on depth alone and is constant in at most `SLABS` slabs. With the majorant optical
+The majorant extinction depends on depth alone and is constant in at most `lanes.SLABS` slabs. With the majorant optical
 depth m(z) as vertical coordinate a flight of optical length tau is one line, m' = m + u_z tau, exact across any number
 of slabs; null collisions in `turn` correct the majorant to the voxel's own extinction (Woodcock et al. 1965).
 4 to 5 slabs are the optimum in skin: one global majorant costs 2.5 times as much, stepping from voxel to voxel 2.7
@@ -17,10 +17,12 @@ from skinrender.transport.bricks import BRICK, BRICK_BITS
 from skinrender.transport.lanes import (
     BORDER,
     BRICKS,
+    FREE_PATH,
     IN_BRICK,
     LANES,
     PATH,
     PLANE,
+    SLAB_DEPTH,
     UX,
     UY,
     UZ,
@@ -35,20 +37,20 @@ from skinrender.transport.lanes import (
 )
 from skinrender.transport.rng import next_word, uniform
 
-SLABS = 5
-
 
 @block_kernel
-def fly(f, w, n, slabs):
+def fly(f, w, n):
     """Moves n lanes by one free path along their direction; sets PATH, Z_START and BORDER.
 
-    `slabs` holds, for SLABS slabs, the majorant optical depth of the lower edges (SLABS - 1 values), the reciprocal
-    majorant of the first (mm) and the SLABS - 1 changes of the reciprocal from slab to slab.
+    Each lane has the slabs of its own band: SLAB_DEPTH, majorant optical depth of the lower edges but the last one's;
+    FREE_PATH, reciprocal majorant of the first slab (mm), then its changes from slab to slab.
     """
-    b1, b2, b3, b4 = slabs[0], slabs[1], slabs[2], slabs[3]
-    d0, d1, d2, d3, d4 = slabs[4], slabs[5], slabs[6], slabs[7], slabs[8]
-    zero = b1 - b1
+    zero = f.dtype.type(0.0)
     for i in range(n):
+        b1, b2 = f[SLAB_DEPTH + i], f[SLAB_DEPTH + LANES + i]
+        b3, b4 = f[SLAB_DEPTH + 2 * LANES + i], f[SLAB_DEPTH + 3 * LANES + i]
+        d0, d1, d2 = f[FREE_PATH + i], f[FREE_PATH + LANES + i], f[FREE_PATH + 2 * LANES + i]
+        d3, d4 = f[FREE_PATH + 3 * LANES + i], f[FREE_PATH + 4 * LANES + i]
         word, w0, w1, w2, w3 = next_word(
             w[WORDS + i], w[WORDS + LANES + i], w[WORDS + 2 * LANES + i], w[WORDS + 3 * LANES + i]
         )

@@ -18,6 +18,7 @@ from skinrender.transport.blockmath import cos_sin_turn
 from skinrender.transport.lanes import (
     ABSORB_ABOVE,
     ARRIVED,
+    BAND,
     BORDER,
     EMPTY,
     ENDED,
@@ -84,13 +85,13 @@ def pack_direction(ux, uy, uz):
 
 
 @block_kernel
-def collide(f, w, n, scatterings):
+def collide(f, w, n, scatterings, columns):
     """Decides what happens to n lanes; those that scatter get a new direction, the old one packed in ARRIVED.
 
-    EVENT is the column that counts it, the scatterings of the first tissue layer in column `scatterings`. A flight that
-    ended on a border has no collision.
+    EVENT is the column that counts it, of `columns` a band, the scatterings of the first tissue layer in column
+    `scatterings`. A flight that ended on a border has no collision.
     """
-    scatterings, absorptions = np.int32(scatterings), np.int32(PER_LAYER)
+    scatterings, absorptions, columns = np.int32(scatterings), np.int32(PER_LAYER), np.int32(columns)
     zero, one = np.int32(0), np.int32(1)
     for i in range(n):
         r, w0, w1, w2, w3 = next_word(
@@ -116,7 +117,8 @@ def collide(f, w, n, scatterings):
         tissue, fresh = w[TISSUE + i], w[FRESH + i]
         other = np.int32(COLLISIONS_NULL) if collides else np.int32(BORDER_HITS)
         other = np.int32(absorptions + tissue) if absorbed else other
-        w[EVENT + i] = np.int32(scatterings + tissue) if scattered else other
+        event = np.int32(scatterings + tissue) if scattered else other
+        w[EVENT + i] = np.int32(event + np.int32(columns * w[BAND + i]))
         w[SHOWN + i] = np.int32(np.int32(np.int32(fresh & np.int32(STRAIGHT)) ^ one) if scattered else zero)
         w[FRESH + i] = zero if scattered else fresh
         w[ENDED + i] = one if absorbed | (fresh == np.int32(EMPTY)) else zero
