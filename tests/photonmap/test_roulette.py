@@ -9,8 +9,12 @@ import pytest
 
 from skinrender.photonmap.photon_pass import PhotonPass
 from skinrender.photonmap.roulette import FULL_DEPTH, LEAST, keep_all, keep_visible
-from skinrender.transport.walk import kept
+from skinrender.transport import lanes
+from skinrender.transport.lanes import LANES, new_block
+from skinrender.transport.rng import next_word
+from skinrender.transport.walk import roll, thin_out
 from tests.stats import assert_same_means
+from tests.transport.block import row
 from tests.volumes import Layer, beam, fractions, furrow, slab_volume, walk_rounds
 
 LAYERS = [Layer(0.1, 2.0, 18.0, g=0.6), Layer(0.4, 0.5, 30.0, g=0.6)]
@@ -40,17 +44,35 @@ def test_the_clearest_column_counts():
 
 def test_table_of_the_kernel():
     table = keep_visible(slab_volume(LAYERS))
-    values = table.thresholds(0)
-    assert values[0] == pytest.approx(1.0 / np.diff(table.depth_edges_mm)[0])
-    assert np.array_equal(values[1:], table.keep_probability[0].astype(float))
-    assert keep_all(slab_volume(LAYERS)).thresholds(0) is None
+    bins_per_mm, largest = table.thresholds
+    assert bins_per_mm == pytest.approx(1.0 / np.diff(table.depth_edges_mm)[0])
+    words_that_keep = largest.astype(float) + 2.0**31 + 1.0
+    assert np.array_equal(words_that_keep / 2.0**32, table.keep_probability.astype(float)), "exact"
+    assert keep_all(slab_volume(LAYERS)).thresholds is None
 
 
 def test_a_photon_is_judged_by_the_bin_of_its_rounded_depth():
-    keep, words = np.array([10.0, 1.0, 0.0, 1.0, 0.0]), np.zeros(4 * 512, np.int32)
-    words[:] = 12345
-    for z, expected in ((-0.2, True), (-0.05, True), (0.05, False), (0.15, True), (0.35, False), (9.0, False)):
-        assert kept(words, 0, z, -0.1, keep) == expected
+    always, never = 2**31 - 1, -(2**31)
+    keep = 10.0, np.array([[never] * 4, [always, never, always, never]], np.int32)
+    depth = [(-0.2, True), (-0.05, True), (0.05, False), (0.15, True), (0.35, False), (9.0, False)]
+    f, w = new_block(np.float32)
+    n = len(depth)
+    row(f, lanes.Z, n)[:] = [z + 0.1 for z, _ in depth]
+    row(w, lanes.BAND)[:], row(w, lanes.SHOWN)[:], row(w, lanes.ROLLED)[:] = 1, 1, 12345
+    shown = thin_out(f, w, n, keep, -0.1)
+    assert row(w, lanes.LISTED, shown).tolist() == [i for i, (_, expected) in enumerate(depth) if expected]
+    row(w, lanes.SHOWN)[0] = 0
+    assert thin_out(f, w, n, keep, -0.1) == shown - 1
+
+
+def test_roulette_draws_a_new_word_for_each_lane():
+    _, w = new_block(np.float32)
+    w[: 4 * LANES] = np.random.default_rng(1).integers(-(2**31), 2**31, 4 * LANES)
+    before = w.copy()
+    roll(w, LANES)
+    for i in range(0, LANES, 17):
+        drawn = next_word(*(before[k * LANES + i] for k in range(4)))
+        assert (w[lanes.ROLLED + i], *(w[k * LANES + i] for k in range(4))) == drawn
 
 
 @pytest.mark.parametrize("surface", [None, furrow(0.05)], ids=["flat", "relief"])

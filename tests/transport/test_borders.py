@@ -47,9 +47,10 @@ def entering(heights, x, y, direction):
     """Fate of a photon aimed at (x, y) on z = 0 from above a relief: (entered, reflections, point, direction)."""
     volume = slab_volume([Layer(2.0, 1.0, 1.0, n=N_TISSUE)], surface=heights)
     world, top = PhotonPass(volume, beam(), 1), volume.z_edges_mm[0]
-    words = np.random.default_rng(1).integers(-(2**31), 2**31, 4 * LANES).astype(np.int32)
+    _, words = new_block(np.float32)
+    words[: 4 * LANES] = np.random.default_rng(1).integers(-(2**31), 2**31, 4 * LANES)
     start = (x + direction[0] * top / direction[2], y + direction[1] * top / direction[2], 0.0)
-    entered, bounces, *rest = enter_surface(words, 0, world._borders(0), world._relief, *start, *direction, False)
+    entered, bounces, *rest = enter_surface(words, 0, world._borders, world._relief, *start, *direction, False)
     return entered, bounces, np.array(rest[:3]) + [0.0, 0.0, top], np.array(rest[3:])
 
 

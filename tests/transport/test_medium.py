@@ -9,15 +9,14 @@ import pytest
 
 from skinrender.transport import lanes
 from skinrender.transport.borders import majorant_depth
-from skinrender.transport.lanes import LANES, new_block
+from skinrender.transport.lanes import LANES, SLABS, new_block
 from skinrender.transport.medium import (
     block_type,
     choose_slabs,
-    flight_constants,
     make_majorant,
 )  # fmt: skip
-from skinrender.transport.move import SLABS, fly
-from tests.transport.block import row
+from skinrender.transport.move import fly
+from tests.transport.block import row, set_slabs
 
 
 def planes(seed, count=9):
@@ -53,7 +52,7 @@ def test_majorant_bounds_each_plane_and_depth_is_its_integral(seed):
     majorant, plane_slab = make_majorant(mu_t, edges)
     assert np.all(majorant[plane_slab, 2] >= mu_t) and np.all(majorant[:, 2] > 0.0)
     depth = np.concatenate([[0.0], np.cumsum(majorant[plane_slab, 2] * np.diff(edges))])
-    assert [majorant_depth(majorant, z) for z in edges] == pytest.approx(depth)
+    assert [majorant_depth(majorant[None], 0, z) for z in edges] == pytest.approx(depth)
 
 
 def test_equal_planes_are_one_slab_whatever_their_number():
@@ -77,9 +76,10 @@ def depth_error_mm(mu_t, edges):
     f, w = new_block(real)
     w[:] = np.random.default_rng(1).integers(-(2**31), 2**31, w.size)
     z = np.linspace(0.0, edges[-1], LANES)
-    row(f, lanes.M)[:] = [majorant_depth(majorant, value) for value in z]
+    row(f, lanes.M)[:] = [majorant_depth(majorant[None], 0, value) for value in z]
     row(f, lanes.UX)[:], row(f, lanes.UZ)[:] = 1.0, 0.0
-    fly(f, w, LANES, flight_constants(majorant, real))
+    set_slabs(f, majorant)
+    fly(f, w, LANES)
     return np.abs(row(f, lanes.Z) - z).max(), np.diff(edges).min()
 
 

@@ -9,13 +9,13 @@ from skinrender.transport import lanes, tally
 from skinrender.transport.blockmath import log_unit
 from skinrender.transport.bricks import BRICK
 from skinrender.transport.gather import find_voxels, gather
-from skinrender.transport.lanes import LANES, new_block
-from skinrender.transport.medium import collision_thresholds, flight_constants, make_grid, make_majorant, make_rows
-from skinrender.transport.move import SLABS, fly, locate, mark_sides, wrap
+from skinrender.transport.lanes import LANES, SLABS, new_block
+from skinrender.transport.medium import collision_thresholds, make_grid, make_majorant, make_rows
+from skinrender.transport.move import fly, locate, mark_sides, wrap
 from skinrender.transport.rng import uniform
 from skinrender.transport.turn import collide
 from tests.stats import assert_fits
-from tests.transport.block import row
+from tests.transport.block import row, set_slabs
 
 STACKS = {
     "one slab": ([2.0], [10.0]),
@@ -56,6 +56,7 @@ def spread(real, seed, edges, majorant):
     row(f, lanes.Z)[:] = rng.uniform(edges[0], edges[-1], LANES)
     row(f, lanes.M)[:] = depth_at(majorant, edges, row(f, lanes.Z))
     row(f, lanes.Z_SAFE_TOP)[:], row(f, lanes.Z_SAFE_BOTTOM)[:] = edges[0], edges[-1]
+    set_slabs(f, majorant)
     return f, w
 
 
@@ -65,7 +66,7 @@ def test_flight_is_the_optical_length_through_all_slabs(name, real, tolerance):
     edges, _, majorant, _ = stack(name)
     f, w = spread(real, 5, edges, majorant)
     before, tau = f.astype(float), free_optical_depths(w)
-    fly(f, w, LANES, flight_constants(majorant, real))
+    fly(f, w, LANES)
     m0, uz, z0 = (row(before, k) for k in (lanes.M, lanes.UZ, lanes.Z))
     m1, z1, path = (row(f, k).astype(float) for k in (lanes.M, lanes.Z, lanes.PATH))
     size = np.abs(m0) + tau
@@ -84,7 +85,7 @@ def test_lanes_beyond_n_stay():
     edges, _, majorant, _ = stack("two slabs")
     f, w = spread(np.float32, 6, edges, majorant)
     before = f.copy(), w.copy()
-    fly(f, w, 100, flight_constants(majorant, np.float32))
+    fly(f, w, 100)
     for buffer, old in zip((f, w), before):
         assert np.array_equal(buffer.reshape(-1, LANES)[:, 100:], old.reshape(-1, LANES)[:, 100:])
 
@@ -97,7 +98,7 @@ def test_level_flight_keeps_its_free_path(uz):
     row(f, lanes.Z)[:] = 0.25
     row(f, lanes.M)[:] = 0.25 * mu_t[0]
     tau = free_optical_depths(w)
-    fly(f, w, LANES, flight_constants(majorant, np.float32))
+    fly(f, w, LANES)
     assert np.allclose(row(f, lanes.PATH), tau / mu_t[0], rtol=3e-4, atol=1e-7)
 
 
@@ -111,7 +112,7 @@ def test_path_across_the_edge_of_a_clear_layer(uz, beyond_mm):
     for start in (0.3 - beyond_mm, 0.3 + beyond_mm, 1.3 - beyond_mm, 1.3 + beyond_mm):
         row(f, lanes.X)[:], row(f, lanes.Z)[:] = 0.0, start
         row(f, lanes.M)[:] = depth_at(majorant, edges, np.float32(start))
-        fly(f, w, LANES, flight_constants(majorant, np.float32))
+        fly(f, w, LANES)
         sunk = row(f, lanes.Z).astype(float) - start
         assert np.allclose(row(f, lanes.X) * uz, sunk * np.sqrt(1.0 - uz * uz), rtol=0.02, atol=1e-5)
 
@@ -119,10 +120,10 @@ def test_path_across_the_edge_of_a_clear_layer(uz, beyond_mm):
 def test_free_paths_are_exponential():
     edges, mu_t, majorant, _ = stack("one slab")
     f, w = spread(np.float32, 8, edges, majorant)
-    slabs, paths = flight_constants(majorant, np.float32), []
+    paths = []
     for _ in range(200):
         row(f, lanes.M)[:], row(f, lanes.Z)[:] = 10.0, 1.0
-        fly(f, w, LANES, slabs)
+        fly(f, w, LANES)
         paths.append(row(f, lanes.PATH).copy())
     edges = np.append(np.linspace(0.0, 0.9, 52), np.inf)
     assert_fits(np.histogram(np.concatenate(paths), edges)[0], -np.diff(np.exp(-mu_t[0] * edges)))
@@ -139,7 +140,7 @@ def test_first_collision_follows_the_transmittance_of_what_is_really_there(uz):
     majorant, plane_slab = make_majorant(mu_t.max(axis=1), edges)
     assert 1 < len(majorant) <= SLABS
     grid = make_grid(palette_index, edges, np.float32)[0]
-    slabs, zeros = flight_constants(majorant, np.float32), np.zeros(mu_a.size)
+    zeros = np.zeros(mu_a.size)
     rows = make_rows(collision_thresholds(mu_a, zeros, majorant[:, 2]), zeros, zeros)
     plane_row = plane_slab * np.int32(mu_a.size)
     cells = np.array([1.0, 0.5, 4096 / edges[-1]], np.float32)
@@ -155,11 +156,11 @@ def test_first_collision_follows_the_transmittance_of_what_is_really_there(uz):
         row(f, lanes.Z)[:], row(f, lanes.M)[:] = start, depth_at(majorant, edges, start)
         flying, where = np.ones(LANES, bool), np.zeros(LANES)
         while flying.any():
-            fly(f, w, LANES, slabs)
+            fly(f, w, LANES)
             locate(f, w, LANES, cells, np.array([1, 0, 4095], np.int32), 1, grid.planes)
             find_voxels(f, w, LANES, grid)
             gather(f, w, LANES, grid, plane_row, rows, rows.view(np.float32))
-            collide(f, w, LANES, tally.PER_LAYER + 1)
+            collide(f, w, LANES, tally.PER_LAYER + 1, tally.columns(1))
             left = flying & (row(w, lanes.BORDER) == 1)
             ended = left | (flying & (row(w, lanes.ENDED) == 1))
             where[ended] = np.where(left, np.inf, row(f, lanes.Z))[ended]

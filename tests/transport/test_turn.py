@@ -15,7 +15,7 @@ from skinrender.transport.turn import collide, deflect, henyey_greenstein, pack_
 from tests.stats import assert_fits, assert_mean, assert_share, bin_probabilities
 from tests.transport.block import row
 
-SCATTERINGS = tally.PER_LAYER + 1  # column of the only tissue layer
+SCATTERINGS, COLUMNS = tally.PER_LAYER + 1, tally.columns(1)  # column of the only tissue layer, and how many there are
 ANISOTROPY = [-0.999, -0.9, -0.3, 0.0, 1e-9, 0.5, 0.8, 0.95, 0.99, 0.999]
 AXES = [(0.0, 0.0, 1.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (1e-6, 0.0, -1.0), (0.6, 0.0, -0.8)]
 WORD = 2.0**32
@@ -170,7 +170,7 @@ def test_collision_of_given_words_has_the_closed_form():
     row(w, lanes.SCATTER_BELOW)[:] = 2**31 - 1
     row(w, lanes.ABSORB_ABOVE)[:] = 2**31 - 1
     g = row(f, lanes.G).astype(float)
-    collide(f, w, LANES, SCATTERINGS)
+    collide(f, w, LANES, SCATTERINGS, COLUMNS)
     after = f.reshape(-1, LANES)[[lanes.UX // LANES, lanes.UY // LANES, lanes.UZ // LANES]].T.astype(float)
     assert np.all(row(w, lanes.EVENT) == SCATTERINGS)
     u = (words[:, 1].view(np.uint32) // 2 + 0.5) / 2.0**31
@@ -198,7 +198,7 @@ def test_thresholds_decide_to_the_very_word():
     kind = np.arange(LANES) % 4
     scatter[:] = np.clip(np.where(kind == 0, r + 1, np.where(kind == 2, r - 100, r)), -(2**31), 2**31 - 1)
     absorb[:] = np.clip(np.where(kind == 2, r - 1, r), -(2**31), 2**31 - 1)
-    collide(f, w, LANES, SCATTERINGS)
+    collide(f, w, LANES, SCATTERINGS, COLUMNS)
     event = row(w, lanes.EVENT)
     assert np.array_equal(
         event, np.array([SCATTERINGS, tally.COLLISIONS_NULL, tally.PER_LAYER, tally.COLLISIONS_NULL])[kind]
@@ -236,7 +236,7 @@ def test_events_occur_in_their_shares():
     row(w, lanes.SCATTER_BELOW)[:], row(w, lanes.ABSORB_ABOVE)[:] = scatter, absorb
     counts = np.zeros(SCATTERINGS + 1, int)
     for _ in range(400):
-        collide(f, w, LANES, SCATTERINGS)
+        collide(f, w, LANES, SCATTERINGS, COLUMNS)
         counts += np.bincount(row(w, lanes.EVENT), minlength=SCATTERINGS + 1)
     for event, share in ((tally.COLLISIONS_NULL, 1.5 / 8), (SCATTERINGS, 5 / 8), (tally.PER_LAYER, 1.5 / 8)):
         assert_share(counts[event], counts.sum(), share, 3)
@@ -248,8 +248,17 @@ def test_a_flight_that_ended_on_a_border_has_no_collision():
     row(w, lanes.ABSORB_ABOVE)[:] = np.where(np.arange(LANES) % 2 == 0, 2**31 - 1, -(2**31))
     border = row(w, lanes.BORDER)
     border[:] = np.arange(LANES) % 5 == 0
-    collide(f, w, LANES, SCATTERINGS)
+    collide(f, w, LANES, SCATTERINGS, COLUMNS)
     assert np.array_equal(row(w, lanes.EVENT) == tally.BORDER_HITS, border == 1)
     assert not np.any(row(w, lanes.ENDED)[border == 1])
     after = f.reshape(-1, LANES)[[lanes.UX // LANES, lanes.UY // LANES, lanes.UZ // LANES]].T
     assert np.array_equal(after[border == 1], before[border == 1].astype(np.float32))
+
+
+def test_events_are_counted_in_their_own_band():
+    f, w, _, _ = collision_block()
+    row(w, lanes.SCATTER_BELOW)[:] = 2**31 - 1
+    row(w, lanes.ABSORB_ABOVE)[:] = 2**31 - 1
+    row(w, lanes.BAND)[:] = np.arange(LANES) % 81
+    collide(f, w, LANES, SCATTERINGS, COLUMNS)
+    assert np.array_equal(row(w, lanes.EVENT), SCATTERINGS + COLUMNS * (np.arange(LANES) % 81))
