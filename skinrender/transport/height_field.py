@@ -96,14 +96,19 @@ def height_and_gradient(heights, lx, ly, x, y):
 
 
 @inlined_kernel
+def _periodic(cell, count):
+    """Index of a cell; a division only where the period is left."""
+    return cell if 0 <= cell < count else cell % count
+
+
+@inlined_kernel
 def _stencil(g, count):
     """The three periodic control points about cell coordinate g, and the fraction of its cell.
 
-    Unsigned, as numba's test for negative indices costs as much as the look-up; a division only where the period is
-    left.
+    Unsigned, as numba's test for negative indices costs as much as the look-up.
     """
     cell = math.floor(g)
-    i1 = cell if 0 <= cell < count else cell % count
+    i1 = _periodic(cell, count)
     i0 = i1 - 1 if i1 > 0 else count - 1
     i2 = i1 + 1 if i1 < count - 1 else 0
     return np.uint64(i0), np.uint64(i1), np.uint64(i2), g - cell
@@ -144,7 +149,7 @@ def first_hit(heights, cells, lx, ly, x, y, z, ux, uy, uz, s_max, side):
     gx, gy = x * (hx / lx), y * (hy / ly)
     dx, dy = ux * (hx / lx), uy * (hy / ly)
     cx, cy = math.floor(gx), math.floor(gy)
-    i, j = cx % hx, cy % hy
+    i, j = _periodic(cx, hx), _periodic(cy, hy)
     if cells[i, j, 0] - START_TOLERANCE_MM <= z <= cells[i, j, 1] + START_TOLERANCE_MM:
         start = side * (z - height(heights, lx, ly, x, y))
         if start < -START_TOLERANCE_MM:
@@ -157,14 +162,11 @@ def first_hit(heights, cells, lx, ly, x, y, z, ux, uy, uz, s_max, side):
         cx -= 1
     if dy < 0.0 and gy == cy:
         cy -= 1
-    s_in = 0.0
+    s_in, next_x, next_y = 0.0, lateral_exit(gx, dx, cx), lateral_exit(gy, dy, cy)
     while s_in < s_max:
-        next_x = lateral_exit(gx, dx, cx)
-        next_y = lateral_exit(gy, dy, cy)
         s_out = max(s_in, min(min(next_x, next_y), s_max))
         z_in, z_out = z + uz * s_in, z + uz * s_out
-        i = cx if 0 <= cx < hx else cx % hx
-        j = cy if 0 <= cy < hy else cy % hy
+        i, j = _periodic(cx, hx), _periodic(cy, hy)
         if side > 0.0:
             may_cross = min(z_in, z_out) <= cells[i, j, 1]
         else:
@@ -178,8 +180,10 @@ def first_hit(heights, cells, lx, ly, x, y, z, ux, uy, uz, s_max, side):
                 return s_in + t * (s_out - s_in)
         if next_x <= next_y:
             cx += 1 if dx > 0.0 else -1
+            next_x = lateral_exit(gx, dx, cx)
         else:
             cy += 1 if dy > 0.0 else -1
+            next_y = lateral_exit(gy, dy, cy)
         s_in = s_out
     return -1.0
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 
 from skinrender.transport import kernel
 
@@ -22,9 +21,8 @@ def first_sign_change(b0, b1, b2, b3, b4):
         return 0.0
     if min(min(b1, b2), min(b3, b4)) >= 0.0:
         return -1.0
-    index, level = 0, 0
+    index, level, width = 0, 0, 1.0
     while True:
-        width = math.ldexp(1.0, -level)
         lo = index * width
         c0, c1, c2, c3, c4 = _part(b0, b1, b2, b3, b4, lo, lo + width)
         if c0 < 0.0:
@@ -37,22 +35,26 @@ def first_sign_change(b0, b1, b2, b3, b4):
             if c4 < 0.0 and (changes == 1 or level == _MAX_LEVEL):
                 return lo + width * _root(c0, c1, c2, c3, c4)
             if level < _MAX_LEVEL:
-                index, level = 2 * index, level + 1
+                index, level, width = 2 * index, level + 1, 0.5 * width
                 continue
         index += 1
         while level > 0 and index % 2 == 0:
-            index, level = index // 2, level - 1
+            index, level, width = index // 2, level - 1, 2.0 * width
         if level == 0:
             return -1.0
 
 
 @kernel
 def _root(c0, c1, c2, c3, c4):
-    """The root of a quartic in Bernstein form with c0 >= 0 > c4 and one change of sign: Newton, kept in its bracket."""
+    """The root of a quartic in Bernstein form with c0 >= 0 > c4 and one change of sign: Halley's steps, kept in their
+    bracket."""
+    a1, a2 = 4.0 * (c1 - c0), 6.0 * (c2 - 2.0 * c1 + c0)
+    a3, a4 = 4.0 * (c3 - c0 + 3.0 * (c1 - c2)), c4 + c0 - 4.0 * (c3 + c1) + 6.0 * c2
     lo, hi = 0.0, 1.0
     t = c0 / (c0 - c4)
     for _ in range(100):
-        value, slope = _value_and_slope(c0, c1, c2, c3, c4, t)
+        value = c0 + t * (a1 + t * (a2 + t * (a3 + t * a4)))
+        slope = a1 + t * (2.0 * a2 + t * (3.0 * a3 + t * 4.0 * a4))
         # f may start at rounding size and rise before it falls: only a falling zero is the crossing
         if abs(value) <= _TOLERANCE and slope < 0.0:
             break
@@ -60,19 +62,10 @@ def _root(c0, c1, c2, c3, c4):
             lo = t
         else:
             hi = t
-        step = t - value / slope if slope != 0.0 else -1.0
+        divisor = slope * slope - value * (a2 + t * (3.0 * a3 + t * 6.0 * a4))
+        step = t - value * slope / divisor if divisor > 0.0 else -1.0
         t = step if lo < step < hi else 0.5 * (lo + hi)
     return t
-
-
-@kernel
-def _value_and_slope(c0, c1, c2, c3, c4, t):
-    """Quartic and its derivative at t by de Casteljau's scheme."""
-    r = 1.0 - t
-    d0, d1, d2, d3 = r * c0 + t * c1, r * c1 + t * c2, r * c2 + t * c3, r * c3 + t * c4
-    e0, e1, e2 = r * d0 + t * d1, r * d1 + t * d2, r * d2 + t * d3
-    g0, g1 = r * e0 + t * e1, r * e1 + t * e2
-    return r * g0 + t * g1, 4.0 * (g1 - g0)
 
 
 @kernel

@@ -85,14 +85,19 @@ def test_rounds_walked_in_any_order_are_the_same(skin):
     assert len(set(forward)) == 4
 
 
-def test_a_band_does_not_depend_on_the_other_bands(photon_pass):
+def photons(position, direction):
+    """Photons as bytes, sorted."""
+    return sorted(bytes(p) + bytes(d) for p, d in zip(position, direction))
+
+
+def test_the_photons_of_a_band_do_not_depend_on_the_other_bands(photon_pass):
+    """But for their order: the bands of a round share a block."""
     all_bands = photon_pass.walk(1, np.array([120, 120, 120]), True)
     starts = np.concatenate([[0], np.cumsum(all_bands.stored_per_band)])
     for band in range(3):
         only = photon_pass.walk(1, np.where(np.arange(3) == band, 120, 0), True)
         part = slice(starts[band], starts[band + 1])
-        assert np.array_equal(only.position, all_bands.position[part])
-        assert np.array_equal(only.direction, all_bands.direction[part])
+        assert photons(only.position, only.direction) == photons(all_bands.position[part], all_bands.direction[part])
         assert np.array_equal(only.tallies[band], all_bands.tallies[band])
         assert not np.delete(only.tallies, band, axis=0).any()
         assert np.delete(only.stored_per_band, band).tolist() == [0, 0]
