@@ -47,11 +47,12 @@ def find_voxels(f, w, n, grid):
     of a product with 0 or 1 LLVM makes a branch, which near the surface is guessed wrong again and again.
     """
     edge, coarse_plane, brick_of = grid.plane_edge, grid.coarse_plane, grid.brick
-    edges_in_cell, one, bits = grid.edges_in_cell, np.uint64(1), np.uint64(2 * BRICK_BITS)
+    more_edges, one, bits = grid.edges_in_cell - 1, np.uint64(1), np.uint64(2 * BRICK_BITS)
     for i in range(n):
         plane = np.uint64(coarse_plane[np.uint64(w[PLANE + i])])
         z = f[Z + i]
-        for _ in range(edges_in_cell):
+        plane += np.uint64(z >= edge[plane + one])
+        for _ in range(more_edges):
             plane += np.uint64(z >= edge[plane + one])
         brick = np.uint64(brick_of[np.uint64(w[BRICKS + i]) + plane])
         w[PLANE + i] = plane

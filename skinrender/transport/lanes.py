@@ -41,7 +41,8 @@ ENDED = 18 * LANES  # 1: the history has ended
 VOXEL = 19 * LANES  # place of the voxel in `gather.Grid.palette`
 BAND = 20 * LANES  # wavelength band
 ROLLED = 21 * LANES  # the word by which roulette on storage decides
-INT_ROWS = 22
+DEPTH_BIN = 22 * LANES  # in its table
+INT_ROWS = 23
 
 STRAIGHT, UNSCATTERED = 1, 2
 EMPTY = -1  # value of FRESH when a photon has left and no other is in its lane

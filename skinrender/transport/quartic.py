@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-
 from skinrender.transport import kernel
 
 _TOLERANCE = 1e-11

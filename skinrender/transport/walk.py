@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skinrender.transport import block_kernel, entry_kernel, inlined_kernel, kernel
+from skinrender.transport import entry_kernel, inlined_kernel, kernel
 from skinrender.transport.borders import INSIDE, LEFT_BOTTOM, LEFT_TOP, PERIODIC, ROUGH, cross, enter_surface, place
 from skinrender.transport.emission import emit, tile_position
 from skinrender.transport.gather import find_voxels, gather
@@ -23,6 +23,7 @@ from skinrender.transport.lanes import (
     ARRIVED,
     BAND,
     BORDER,
+    DEPTH_BIN,
     EMPTY,
     ENDED,
     EVENT,
@@ -176,10 +177,19 @@ def count_events(w, n, tallies):
         counts[np.uint64((i & (WAYS - 1)) * way) + np.uint64(w[EVENT + i])] += 1
 
 
-@block_kernel
-def roll(w, n):
-    """Draws the word by which roulette on storage decides, for n lanes."""
+@kernel
+def roll(f, w, n, keep, z_top):
+    """Draws the word by which roulette on storage decides, for n lanes, and finds their bins in `keep`.
+
+    keep: depth bins per mm below z_top, and of each band and bin (B, D) the largest word that keeps, the last bin for
+    all that is deeper. z is rounded as it is stored, so that its bin can be found again from the map.
+    """
+    bins_per_mm, bins = keep[0], np.int32(keep[1].shape[1])
+    zero, last = np.int32(0), np.int32(bins - np.int32(1))
     for i in range(n):
+        below = np.float64(np.float32(f[Z + i] + z_top)) - z_top
+        bin = min(max(np.int32(below * bins_per_mm), zero), last)
+        w[DEPTH_BIN + i] = np.int32(bin + np.int32(bins * w[BAND + i]))
         w[ROLLED + i], w0, w1, w2, w3 = next_word(
             w[WORDS + i], w[WORDS + LANES + i], w[WORDS + 2 * LANES + i], w[WORDS + 3 * LANES + i]
         )
@@ -190,19 +200,14 @@ def roll(w, n):
 
 
 @kernel
-def thin_out(f, w, n, keep, z_top):
-    """Roulette on storage: lists those of n lanes with SHOWN set that are kept; returns their number.
+def thin_out(w, n, keep):
+    """Roulette on storage: lists those of n lanes with SHOWN set that are kept, see `roll`; returns their number.
 
-    keep: depth bins per mm below z_top, and of each band and bin (B, D) the largest word that keeps, the last bin for
-    all that is deeper. z is rounded as it is stored, so that its bin can be found again from the map. Without a branch,
-    as `list_lanes`: who is kept can't be guessed.
+    Without a branch, as `list_lanes`: who is kept can't be guessed.
     """
-    bins_per_mm, largest = keep
-    last, listed = np.int64(largest.shape[1] - 1), np.uint64(LISTED)
+    largest, listed = keep[1].reshape(keep[1].size), np.uint64(LISTED)
     for i in range(n):
-        below = np.float64(np.float32(f[Z + i] + z_top)) - z_top
-        bin = max(np.int64(0), min(np.int64(below * bins_per_mm), last))
-        keeps = w[ROLLED + i] <= largest[np.uint64(w[BAND + i]), np.uint64(bin)]
+        keeps = w[ROLLED + i] <= largest[np.uint64(w[DEPTH_BIN + i])]
         w[listed] = i
         listed += np.uint64(keeps & (w[SHOWN + i] != 0))
     return listed - np.uint64(LISTED)
@@ -287,7 +292,7 @@ def walk(f, w, source, light, medium, relief, keep, photons, tallies, exits, sta
     source : the `Histories`.
     light : parameters of a lamp, see `emission`.
     medium, relief : `medium.Medium`; `relief.Relief` or None.
-    keep : roulette on storage, see `thin_out`, or None.
+    keep : roulette on storage, see `roll`, or None.
     photons : position (3 n,) f4, direction (n,) i4 and band (n,) u1 to fill, n > LANES, or None: nothing is stored.
     tallies : (WAYS, B, columns) int64, added to: copies, to be summed.
     exits : (histories, 6) float32 or None, see `leave`.
@@ -329,8 +334,8 @@ def walk(f, w, source, light, medium, relief, keep, photons, tallies, exits, sta
         count_events(w, n, tallies)
         if photons is not None:
             if keep is not None:
-                roll(w, n)
-                shown = thin_out(f, w, n, keep, medium.z_top)
+                roll(f, w, n, keep, medium.z_top)
+                shown = thin_out(w, n, keep)
             else:
                 shown = list_lanes(w, n, np.uint32(SHOWN))
             stored = store(f, w, shown, photons, stored, medium.z_top)

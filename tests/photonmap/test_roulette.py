@@ -58,18 +58,19 @@ def test_a_photon_is_judged_by_the_bin_of_its_rounded_depth():
     f, w = new_block(np.float32)
     n = len(depth)
     row(f, lanes.Z, n)[:] = [z + 0.1 for z, _ in depth]
-    row(w, lanes.BAND)[:], row(w, lanes.SHOWN)[:], row(w, lanes.ROLLED)[:] = 1, 1, 12345
-    shown = thin_out(f, w, n, keep, -0.1)
+    row(w, lanes.BAND)[:], row(w, lanes.SHOWN)[:] = 1, 1
+    roll(f, w, n, keep, -0.1)
+    shown = thin_out(w, n, keep)
     assert row(w, lanes.LISTED, shown).tolist() == [i for i, (_, expected) in enumerate(depth) if expected]
     row(w, lanes.SHOWN)[0] = 0
-    assert thin_out(f, w, n, keep, -0.1) == shown - 1
+    assert thin_out(w, n, keep) == shown - 1
 
 
 def test_roulette_draws_a_new_word_for_each_lane():
-    _, w = new_block(np.float32)
+    f, w = new_block(np.float32)
     w[: 4 * LANES] = np.random.default_rng(1).integers(-(2**31), 2**31, 4 * LANES)
     before = w.copy()
-    roll(w, LANES)
+    roll(f, w, LANES, (1.0, np.zeros((1, 1), np.int32)), 0.0)
     for i in range(0, LANES, 17):
         drawn = next_word(*(before[k * LANES + i] for k in range(4)))
         assert (w[lanes.ROLLED + i], *(w[k * LANES + i] for k in range(4))) == drawn

@@ -18,7 +18,6 @@ from skinrender.transport.lanes import LANES
 from skinrender.transport.move import fly, locate, wrap
 from skinrender.transport.relief import look_around
 from skinrender.transport.turn import collide
-from skinrender.transport.walk import roll
 from tests.stats import assert_mean, assert_share
 from tests.volumes import Layer, beam, furrow, lamp, sky, slab_volume, walk_rounds
 
@@ -179,7 +178,7 @@ def test_published_slabs():
 
 
 @pytest.mark.skipif(not binding.get_host_cpu_features().get("avx2"), reason="no AVX2")
-@pytest.mark.parametrize("block_pass, least", [(fly, 40), (wrap, 10), (locate, 10), (look_around, 10), (collide, 80), (roll, 3)])
+@pytest.mark.parametrize("block_pass, least", [(fly, 40), (wrap, 10), (locate, 10), (look_around, 10), (collide, 80)])
 def test_block_passes_are_vectorized(block_pass, least):
     """Packed 256 or 512 bit operations in the machine code; one unlucky branch, and there are none."""
     real, words, count = numba.float32, numba.int32[::1], numba.int64
@@ -187,7 +186,7 @@ def test_block_passes_are_vectorized(block_pass, least):
     signature = {
         fly: (reals, words, count), wrap: (reals, count, real, real),
         locate: (reals, words, count, reals, words, count, count), look_around: (reals, words, count, real, real, reals, words),
-        collide: (reals, words, count, count, count), roll: (words, count),
+        collide: (reals, words, count, count, count),
     }[block_pass]  # fmt: skip
     options = {name: value for name, value in block_pass.targetoptions.items() if name != "nopython"}
     (assembly,) = numba.njit(signature, **options)(block_pass.py_func).inspect_asm().values()
