@@ -18,11 +18,8 @@ from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
 
-from benchmarks.walk import CASES, CONFIGS
+from benchmarks.walk import CASES, make_pass
 from skinrender.photonmap import photon_pass as passes_of
-from skinrender.photonmap.light import light_from_scene
-from skinrender.scene.load import load_scene
-from skinrender.skin.builder import build_volume
 from skinrender.transport import tally
 from skinrender.transport import walk as walk_module
 
@@ -88,9 +85,7 @@ def cycles_per_ns() -> float:
 
 def profile(case: str, storing: bool, runs: int, histories: int) -> list[tuple[float, dict[str, float]]]:
     """For each band its wavelength and the ns per scattering event of each pass, in the best of some runs."""
-    config, overrides = CASES[case]
-    scene = load_scene(CONFIGS / f"{config}.yaml", overrides)
-    photon_pass = passes_of.PhotonPass(build_volume(scene), light_from_scene(scene), 1)
+    photon_pass = make_pass(*CASES[case])
     layers, rate = len(photon_pass.layer_names), cycles_per_ns()
     timed, names = timed_walk()
     spent = np.zeros(LONGEST, np.int64)
@@ -119,7 +114,7 @@ def main() -> None:
     parser.add_argument("cases", nargs="*", default=USUAL, help=f"of {', '.join(CASES)}")
     parser.add_argument("--storing", action="store_true")
     parser.add_argument("--runs", type=int, default=15)
-    parser.add_argument("--histories", type=int, default=8000)
+    parser.add_argument("--histories", type=int, default=16_000)
     options = parser.parse_args()
     for case in options.cases:
         for wavelength, by_name in profile(case, options.storing, options.runs, options.histories):

@@ -197,28 +197,33 @@ class PhotonPass:
         histories = np.array(histories, dtype=np.int64)
         tallies = np.zeros((self.bands, tally.columns(len(self.layer_names))), dtype=np.int64)
         photons = StoredPhotons(self._expected) if store else None
-        before = np.cumsum(histories) - histories
         left = None if exits is None else np.zeros((histories.sum(), 6), np.float32)
-        for real, these in ((np.float32, ~self._in_double), (np.float64, self._in_double)):
-            count = np.where(these, histories, 0)
-            if count.any():
-                tiles = np.maximum(1, np.ceil(np.array(self.volume.size_mm) / TILE_MM)).astype(int)
-                source = Histories(
-                    self._keys, index * histories, count, before, *tiles.tolist(), -float(self.volume.z_edges_mm[0]),
-                    not has_single_term(self.volume, self.light),
-                )  # fmt: skip
-                self._walk(real, source, photons, tallies, left)
+        for real, bands in ((np.float32, ~self._in_double), (np.float64, self._in_double)):
+            if histories[bands].any():
+                self._walk(real, self._source(index, histories, bands), photons, tallies, left)
         if exits is not None:
             gone = tallies[:, tally.REFLECTED] - tallies[:, tally.SPECULAR]
-            exits.extend(left[before[band] :][: gone[band]] for band in np.flatnonzero(histories))
-        position, direction, stored = (photons or StoredPhotons()).in_band_order(self.bands)
-        self._expected = int(stored.sum())
+            of_bands = np.split(left, np.cumsum(histories)[:-1])
+            exits.extend(of_bands[band][: gone[band]] for band in np.flatnonzero(histories))
+        if photons is None:
+            position, direction, stored = np.empty((0, 3), "f4"), np.empty((0, 2), "u2"), np.zeros(self.bands, np.int64)
+        else:
+            position, direction, stored = photons.in_band_order(self.bands)
+            self._expected = photons.count
         return Round(index, histories, tallies, position, direction, stored)
 
     @cached_property
     def _keys(self) -> np.ndarray:
         """(B,) of the generators of each band's histories."""
         return np.array([stream_key(self.seed, band, WALK_STAGE) for band in range(self.bands)])
+
+    def _source(self, index: int, histories: np.ndarray, bands: np.ndarray) -> Histories:
+        """The histories of a round in the bands (B,) bool."""
+        tiles_x, tiles_y = np.maximum(1, np.ceil(np.array(self.volume.size_mm) / TILE_MM)).astype(int).tolist()
+        return Histories(
+            self._keys, index * histories, np.where(bands, histories, 0), np.cumsum(histories) - histories,
+            tiles_x, tiles_y, -float(self.volume.z_edges_mm[0]), not has_single_term(self.volume, self.light),
+        )  # fmt: skip
 
     def _walk(
         self, real: type, source: Histories, photons: StoredPhotons | None, counts: np.ndarray, left: np.ndarray | None
