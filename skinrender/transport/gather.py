@@ -13,6 +13,7 @@ import numpy as np
 
 from skinrender.transport import kernel
 from skinrender.transport.bricks import BRICK_BITS
+from skinrender.transport.caches import prefetch
 from skinrender.transport.lanes import ABSORB_ABOVE, BAND, BRICKS, IN_BRICK, PLANE, SCATTER_BELOW, TISSUE, VOXEL, G, Z
 
 
@@ -44,9 +45,11 @@ def find_voxels(f, w, n, grid):
 
     Indices are unsigned: numba's test for negative ones costs as much as the look-up. The edges within a coarse cell
     are counted, not searched: a `while` in this loop doubled its time. In a uniform brick the place is shifted out, as
-    of a product with 0 or 1 LLVM makes a branch, which near the surface is guessed wrong again and again.
+    of a product with 0 or 1 LLVM makes a branch, which near the surface is guessed wrong again and again. The palette is
+    the one table larger than the cache: asked for here, it is there for `gather`, which takes 3 ns under a relief
+    in place of 5 to 10.
     """
-    edge, coarse_plane, brick_of = grid.plane_edge, grid.coarse_plane, grid.brick
+    edge, coarse_plane, brick_of, palette = grid.plane_edge, grid.coarse_plane, grid.brick, grid.palette
     more_edges, one, bits = grid.edges_in_cell - 1, np.uint64(1), np.uint64(2 * BRICK_BITS)
     for i in range(n):
         plane = np.uint64(coarse_plane[np.uint64(w[PLANE + i])])
@@ -56,7 +59,9 @@ def find_voxels(f, w, n, grid):
             plane += np.uint64(z >= edge[plane + one])
         brick = np.uint64(brick_of[np.uint64(w[BRICKS + i]) + plane])
         w[PLANE + i] = plane
-        w[VOXEL + i] = (brick >> one) + (np.uint64(w[IN_BRICK + i]) >> ((brick & one) * bits))
+        voxel = (brick >> one) + (np.uint64(w[IN_BRICK + i]) >> ((brick & one) * bits))
+        prefetch(palette, voxel)
+        w[VOXEL + i] = voxel
 
 
 @kernel
@@ -64,8 +69,7 @@ def gather(f, w, n, grid, plane_row, rows, rows_as_float):
     """Sets the thresholds, anisotropy and tissue layer of n lanes.
 
     rows (., 4) int32 and the same memory as float32; plane_row (B planes,): first row of a band and plane's majorant
-    slab. The palette is the one table larger than the cache. In a loop this short the processor has the looks into it of
-    many lanes under way together.
+    slab.
     """
     palette, planes = grid.palette, np.uint64(grid.planes)
     for i in range(n):

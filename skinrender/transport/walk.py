@@ -17,6 +17,7 @@ import numpy as np
 
 from skinrender.transport import entry_kernel, inlined_kernel, kernel
 from skinrender.transport.borders import INSIDE, LEFT_BOTTOM, LEFT_TOP, PERIODIC, ROUGH, cross, enter_surface, place
+from skinrender.transport.caches import stream
 from skinrender.transport.emission import emit, tile_position
 from skinrender.transport.gather import find_voxels, gather
 from skinrender.transport.lanes import (
@@ -48,7 +49,6 @@ from skinrender.transport.lanes import (
 from skinrender.transport.move import fly, locate, mark_sides, wrap
 from skinrender.transport.relief import clear_by_bulge, clear_by_depth, look_around
 from skinrender.transport.rng import draw, next_word, seed_words
-from skinrender.transport.streaming import stream
 from skinrender.transport.tally import (
     EMITTED,
     PER_LAYER,

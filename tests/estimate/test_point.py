@@ -18,7 +18,7 @@ LAYER = slab_layer(0.4, 0.5, 20.0, 0.7, N)
 
 @pytest.fixture(scope="module")
 def lit() -> Lit:
-    return light_up(slab_data([LAYER], {"kind": "collimated"}, SIZE_MM, PIXELS), 100)
+    return light_up(slab_data([LAYER], {"kind": "collimated"}, SIZE_MM, PIXELS), 250)
 
 
 def plain_sum(lit: Lit, camera: dict, corrected: bool = True) -> np.ndarray:

@@ -26,7 +26,7 @@ LAMP = {"kind": "point", "height_mm": 20, "spectrum": "E"}
 FURROWS = {"kind": "procedural", "families": [{"angle_deg": 30, "spacing_mm": 0.5, "depth_um": 40, "width_um": 120}]}
 SCENES = {
     "slab": ({**slab_data(STACK, {"kind": "collimated"}, 2.0, 16), "inner_borders": "matched"}, {}, 2000),
-    "slab under a lamp": ({**slab_data(STACK, LAMP, 2.0, 16), "sides": "dielectric"}, {}, 2000),
+    "slab under a lamp": ({**slab_data(STACK, LAMP, 2.0, 16), "sides": "dielectric"}, {}, 3500),
     "slab with furrows": (
         {**slab_data(STACK, SKY, 2.0, 16), "inner_borders": "matched", "relief": FURROWS}, {"zenith_deg": 40}, 3000
     ),
