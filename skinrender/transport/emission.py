@@ -39,9 +39,7 @@ def spherical_rectangle(c, u, v):
     x0, y0, x1, y1, distance, m0, m2, start, solid_angle = c
     turn = start + u * solid_angle
     slope = (m2 - math.cos(turn) * m0) / math.sin(turn)
-    cu = math.copysign(1.0, slope) / math.sqrt(slope * slope + m0 * m0)
-    cu = max(-1.0, min(1.0, cu))
-    x = cu * distance / math.sqrt(max(1.0 - cu * cu, 1e-300))
+    x = math.copysign(distance / math.sqrt(max(slope * slope + m0 * m0 - 1.0, 1e-300)), slope)
     x = max(x0, min(x1, x))
     d2 = x * x + distance * distance
     h0 = y0 / math.sqrt(d2 + y0 * y0)
@@ -66,10 +64,10 @@ def emit(light, lx, ly, z_mean, u, v, p, q):
             light[c + 8],
         )  # fmt: skip
         dx, dy = spherical_rectangle(rectangle, u, v)
-        inverse = 1.0 / math.sqrt(dx * dx + dy * dy + light[c + 4] * light[c + 4])
-        ux, uy, uz = dx * inverse, dy * inverse, light[c + 4] * inverse
-        x, y = light[LAMP] + dx, light[LAMP + 1] + dy
-    elif kind == COLLIMATED:
+        height, above = light[c + 4], 1.0 - z_mean / light[c + 4]
+        inverse = 1.0 / math.sqrt(dx * dx + dy * dy + height * height)
+        return light[LAMP] + dx * above, light[LAMP + 1] + dy * above, dx * inverse, dy * inverse, height * inverse
+    if kind == COLLIMATED:
         ux, uy, uz = light[DIRECTION], light[DIRECTION + 1], light[DIRECTION + 2]
         radius = light[RADIUS]
         if radius < 0.0:

@@ -36,6 +36,7 @@ from skinrender.transport.lanes import (
     ROLLED,
     SHOWN,
     SLAB_DEPTH,
+    SLABS,
     STRAIGHT,
     UNSCATTERED,
     UX,
@@ -124,7 +125,7 @@ def launch(f, w, i, source, medium, relief, light, tally, cursor):
             continue
         straight = STRAIGHT if bounces == 0 and not source.store_first else 0
         w[FRESH + i] = straight | UNSCATTERED
-        for k in range(medium.slabs.shape[1]):
+        for k in range(2 * SLABS - 1):
             f[SLAB_DEPTH + k * LANES + i] = medium.slabs[band, k]
         rough = int(borders.table[0, ROUGH])
         place(f, w, i, borders, medium.majorant, relief, np.int64(0), x, y, z, ux, uy, uz, rough, 1.0)
