@@ -45,10 +45,8 @@ class StoredPhotons:
         i8."""
         position, direction, band = self.arrays
         position, direction, band = position[: 3 * self.count], direction[: self.count], band[: self.count]
-        if bands == 1:
-            stored = np.array([self.count])
-        else:
-            stored = _count_bands(band, np.zeros((WAYS, bands), np.int64)).sum(axis=0)
+        stored = _count_bands(band, np.zeros((WAYS, bands), np.int64)).sum(axis=0)
+        if np.count_nonzero(stored) > 1:
             ordered = np.empty_like(position), np.empty_like(direction)
             _put_in_order(position, direction, band, np.cumsum(stored) - stored, *ordered)
             position, direction = ordered
