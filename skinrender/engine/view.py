@@ -17,16 +17,17 @@ from tqdm import tqdm
 
 from skinrender.errors import InputError, SceneError
 from skinrender.estimate.beam import estimate_beam
-from skinrender.estimate.guide import Guides, color_patterns, patterns, side_patterns
+from skinrender.estimate.guide import Guides
 from skinrender.estimate.lattice import RayLattice, fit_plane, make_lattice
+from skinrender.estimate.pixel_rays import PixelRays
 from skinrender.estimate.point import estimate_point, march_edges
-from skinrender.estimate.radius import COLOR_WIDER, WIDEST_MM, at_columns, is_alike, lesion_absorbance
 from skinrender.estimate.ray_paths import follow_rays, slab_edges, visible_depth_mm
 from skinrender.estimate.reference import Reference, estimate_reference, remaining_bias
 from skinrender.estimate.scatter_image import BandsLight, ScatteredLight, batch_stderr, joined
+from skinrender.estimate.scene_guides import scene_guides
 from skinrender.estimate.single import single_scattering
 from skinrender.estimate.stream import DepthSample, Stream, sample_depths
-from skinrender.estimate.surface import entering_light, has_direction, irradiance, surface_reflection
+from skinrender.estimate.surface import irradiance, surface_reflection
 from skinrender.estimate.view_path import LEVEL, ViewPath, make_view_path
 from skinrender.film.camera import ViewRays, view_rays
 from skinrender.film.color import exposure_for, y_weights
@@ -75,6 +76,12 @@ class View:
                 remedy="use `inner_borders: matched`, or a flat relief and no border wave",
             )  # fmt: skip
 
+    def prepare(self) -> None:
+        """Make all of the picture that needs no photons, which can be done while they are walked."""
+        of_photons = {"beam": ("lattices", "guides"), "point": ("lattices",), "reference": ()}
+        for part in (*of_photons[self.method], "single", "surface", "falling"):
+            getattr(self, part)
+
     def scattered(self, photon_map: PhotonMap, progress: bool = True) -> ScatteredLight:
         """The multiply scattered light that photons show."""
         with photons_bar(len(photon_map), self.method, progress) as bar:
@@ -93,10 +100,10 @@ class View:
             if self.method == "reference":
                 reference = Reference(self.scene.camera, self.volume, photon_map, self.y_weight, pool, progress)
                 return estimate_reference(reference, bands)
-            stream = Stream(self.volume, photon_map, depths, *self.lattices, self.y_weight, pool, count, progress)
+            stream = Stream(self.volume, *self.lattices, photon_map, depths, self.y_weight, pool, count, progress)
             if self.method == "point":
                 return estimate_point(stream, self.gather_count, bands)
-            return estimate_beam(stream, self.gather_count, bands, self.guides(stream))
+            return estimate_beam(stream, self.gather_count, bands, self.guides)
 
     def joined(self, parts: Sequence[BandsLight], rounds: int) -> ScatteredLight:
         """The light of all bands, from their parts in order."""
@@ -104,33 +111,6 @@ class View:
         if self.method != "reference":
             return light
         return replace(light, remaining=remaining_bias(self.scene.camera, self.volume, parts, light.radiance))
-
-    def guides(self, stream: Stream) -> Guides | None:
-        """The guides of the light's pattern, see `estimate.guide`; None where there is none."""
-        rays, volume = stream.lattice.rays, self.volume
-        grid = stream.lattice.spacing_mm * stream.subpixels, stream.covers_patch
-
-        def in_pixels(values: np.ndarray) -> np.ndarray:
-            return stream.pixel_mean(values).reshape(stream.shape)
-
-        def let_through(deepest_mm: float) -> list[np.ndarray]:
-            absorbance = lesion_absorbance(volume, deepest_mm)
-            through = at_columns(np.exp(-absorbance), rays.entry, volume.size_mm)
-            return [] if is_alike(absorbance) else [in_pixels(through)]
-
-        pixel_entry = stream.pixel_mean(rays.entry.T)[:2].T
-        height, lamp = None, []
-        if volume.has_relief:
-            height = in_pixels(rays.entry[:, 2])
-            if has_direction(self.light):
-                lamp = [in_pixels(entering_light(rays.entry, rays.hit, volume, self.light))]
-        found = Guides(
-            relief=patterns(lamp, height, *grid),
-            lesion=patterns(let_through(WIDEST_MM), None, *grid),
-            color=color_patterns(let_through(COLOR_WIDER * WIDEST_MM), *grid),
-            sides=[] if volume.sides == "periodic" else side_patterns(pixel_entry, volume.size_mm, stream.shape),
-        )
-        return found if any(map(len, found)) else None
 
     def image(self, scattered: ScatteredLight, provenance: dict[str, Any]) -> SpectralImage:
         """The spectral picture."""
@@ -165,11 +145,16 @@ class View:
 
     @cached_property
     def lattices(self) -> tuple[RayLattice, RayLattice]:
-        """The lattice of several rays a pixel (see `stream.Stream`), and that of one."""
+        """The lattice of several rays a pixel (see `pixel_rays.PixelRays`), and that of one."""
         edges = depth_edges(self.volume, self.method, _least_cosine(self.path, self.volume))
         pixels = self._lattice(edges, 1)
         finer = transmittance_subpixels(self.volume)
         return (pixels if finer == 1 else self._lattice(edges, finer)), pixels
+
+    @cached_property
+    def guides(self) -> Guides | None:
+        """The guides of the light's pattern, see `estimate.guide`; None where there is none."""
+        return scene_guides(PixelRays(self.volume, *self.lattices), self.light)
 
     def _lattice(self, edges: np.ndarray, subpixels: int) -> RayLattice:
         camera, volume = self.scene.camera, self.volume
@@ -249,7 +234,7 @@ def surface_subpixels(scene: Any, volume: SkinVolume) -> int:
 
 
 def transmittance_subpixels(volume: SkinVolume) -> int:
-    """Rays along each side of a pixel for the light from inside (see `stream.Stream`)."""
+    """Rays along each side of a pixel for the light from inside (see `pixel_rays.PixelRays`)."""
     return TRANSMITTANCE_SUBPIXELS if volume.has_relief else 1
 
 

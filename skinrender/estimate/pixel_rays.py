@@ -1,0 +1,58 @@
+"""The view rays of a picture's pixels: one or several each, and what they tell together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from skinrender.estimate.lattice import RayLattice
+from skinrender.skin.volume import SkinVolume
+
+
+@dataclass(frozen=True, eq=False)
+class PixelRays:
+    """The rays of a lattice, and the pixels they belong to.
+
+    Parameters
+    ----------
+    lattice : k x k rays a pixel, to which photons are connected: one where the surface is flat. On a relief the tissue
+        is of uneven thickness within a voxel, and the light inside follows it: one ray a pixel would be 5 % off.
+    pixel_lattice : one ray a pixel; the same where the surface is flat.
+    """
+
+    volume: SkinVolume
+    lattice: RayLattice
+    pixel_lattice: RayLattice
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(h, w) of the picture."""
+        return self.pixel_lattice.shape
+
+    @property
+    def subpixels(self) -> int:
+        """Rays along each side of a pixel."""
+        return self.lattice.shape[0] // self.shape[0]
+
+    @cached_property
+    def pixel_of(self) -> np.ndarray:
+        """Pixel of each ray, (Q,) int32."""
+        h, w = self.shape
+        k = self.subpixels
+        return np.repeat(np.repeat(np.arange(h * w, dtype=np.int32).reshape(h, w), k, axis=0), k, axis=1).ravel()
+
+    def pixel_mean(self, values: np.ndarray) -> np.ndarray:
+        """Mean over the rays of each pixel, (..., Q) to (..., h w)."""
+        h, w = self.shape
+        k = self.subpixels
+        lead = values.shape[:-1]
+        return values.reshape(*lead, h, k, w, k).mean(axis=(-3, -1)).reshape(*lead, h * w)
+
+    @cached_property
+    def covers_patch(self) -> bool:
+        """Whether the lattice repeats seamlessly with a periodic patch."""
+        low_x, low_y, high_x, high_y = self.lattice.bounds[0]
+        size = [high_x - low_x, high_y - low_y]
+        return self.volume.sides == "periodic" and bool(np.allclose(size, self.volume.size_mm, rtol=1e-3))
