@@ -152,7 +152,7 @@ def estimate_bytes(scene: Any, volume: SkinVolume, method: str, rounds: int, thr
     pixels, bands, threads = math.prod(scene.camera.pixels), len(volume.wavelength_nm), threads or os.cpu_count() or 1
     reflection = 0
     if why_no_reflection(scene, volume) is None:
-        reflection = surface_bytes(surface_subpixels(scene, volume) ** 2 * pixels, bands)
+        reflection = surface_bytes(surface_subpixels(scene, volume) ** 2 * pixels, pixels, bands)
     after = 8 * 4 * pixels * bands + reflection
     filled = volume.palette_index.nbytes if volume.has_relief else 0  # the voxels again, without air
     if method == "reference":

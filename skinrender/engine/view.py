@@ -19,7 +19,7 @@ from skinrender.errors import InputError, SceneError
 from skinrender.estimate.beam import estimate_beam
 from skinrender.estimate.guide import Guides
 from skinrender.estimate.lattice import RayLattice, fit_plane, make_lattice
-from skinrender.estimate.pixel_rays import PixelRays
+from skinrender.estimate.pixel_rays import PixelRays, pixels_of_rays
 from skinrender.estimate.point import estimate_point, march_edges
 from skinrender.estimate.ray_paths import follow_rays, slab_edges, visible_depth_mm
 from skinrender.estimate.reference import Reference, estimate_reference, remaining_bias
@@ -28,7 +28,7 @@ from skinrender.estimate.scene_guides import scene_guides
 from skinrender.estimate.single import single_scattering
 from skinrender.estimate.stream import DepthSample, Stream, sample_depths
 from skinrender.estimate.surface import irradiance, surface_reflection
-from skinrender.estimate.view_path import LEVEL, ViewPath, make_view_path
+from skinrender.estimate.view_path import LEVEL, ViewPath, make_view_path, meet_surface
 from skinrender.film.camera import ViewRays, view_rays
 from skinrender.film.color import exposure_for, y_weights
 from skinrender.film.spectral_image import SpectralImage
@@ -203,9 +203,8 @@ class View:
             return np.zeros((h * w, bands))
         subpixels = surface_subpixels(self.scene, self.volume)
         rays = view_rays(self.scene.camera, self.volume.size_mm, subpixels)
-        path = make_view_path(rays.origin, rays.direction, self.volume)
-        reflected = surface_reflection(path, self.volume, self.light, self.scene.finish)
-        return reflected.reshape(h, subpixels, w, subpixels, bands).mean(axis=(1, 3)).reshape(h * w, bands)
+        met = meet_surface(rays.origin, rays.direction, self.volume)
+        return surface_reflection(met, pixels_of_rays((h, w), subpixels), self.volume, self.light, self.scene.finish)
 
 
 def photons_bar(photons: int, method: str, progress: bool) -> tqdm:

@@ -73,7 +73,7 @@ def make_lattice(rays: RayPaths, shape: tuple[int, int], plane: np.ndarray) -> R
     plane (2, 3) : affine map from (x, y) on the mean plane to fractional (row, column), for when the rays that hit lie on
         a line and don't tell.
     """
-    maps = np.array([_fit_bins(points, rays.hit, shape, plane) for points in rays.point])
+    maps = _fit_bins(rays.point, rays.hit, shape, plane)
     start, order = _sort_rays(rays.point, rays.hit, maps, *shape)
     area = 1.0 / np.abs(np.linalg.det(maps[:, :, :2]))
     held = np.diff(start, axis=1)
@@ -94,15 +94,16 @@ def fit_plane(point: np.ndarray, cell: np.ndarray) -> np.ndarray:
 
 
 def _fit_bins(point: np.ndarray, hit: np.ndarray, shape: tuple[int, int], plane: np.ndarray) -> np.ndarray:
-    """Affine map (2, 3) from (x, y) to fractional (row, column), fitted to the rays that hit."""
+    """Affine maps (S, 2, 3) from (x, y) to fractional (row, column), fitted to the points (S, Q, 2) of rays that hit."""
     if not hit.any():
-        return plane
+        return np.tile(plane, (len(point), 1, 1))
     cell = np.column_stack(np.divmod(np.flatnonzero(hit), shape[1])).astype(float)
     spread = cell - cell.mean(axis=0)
+    seen = point if hit.all() else point[:, hit]
     if np.linalg.matrix_rank(spread.T @ spread) == 2:
-        return fit_plane(point[hit], cell)
-    shift = (cell - point[hit] @ plane[:, :2].T).mean(axis=0)
-    return np.column_stack([plane[:, :2], shift])
+        return np.array([fit_plane(points, cell) for points in seen])
+    shifts = [(cell - points @ plane[:, :2].T).mean(axis=0) for points in seen]
+    return np.array([np.column_stack([plane[:, :2], shift]) for shift in shifts])
 
 
 def _bin_bounds(to_lattice: np.ndarray, shape: tuple[int, int]) -> np.ndarray:

@@ -39,9 +39,7 @@ class PixelRays:
     @cached_property
     def pixel_of(self) -> np.ndarray:
         """Pixel of each ray, (Q,) int32."""
-        h, w = self.shape
-        k = self.subpixels
-        return np.repeat(np.repeat(np.arange(h * w, dtype=np.int32).reshape(h, w), k, axis=0), k, axis=1).ravel()
+        return pixels_of_rays(self.shape, self.subpixels)
 
     def pixel_mean(self, values: np.ndarray) -> np.ndarray:
         """Mean over the rays of each pixel, (..., Q) to (..., h w)."""
@@ -56,3 +54,9 @@ class PixelRays:
         low_x, low_y, high_x, high_y = self.lattice.bounds[0]
         size = [high_x - low_x, high_y - low_y]
         return self.volume.sides == "periodic" and bool(np.allclose(size, self.volume.size_mm, rtol=1e-3))
+
+
+def pixels_of_rays(shape: tuple[int, int], subpixels: int) -> np.ndarray:
+    """Pixel of each ray of an (h, w) picture with so many along each side of a pixel, (Q,) int32."""
+    pixel = np.arange(shape[0] * shape[1], dtype=np.int32).reshape(shape)
+    return np.repeat(np.repeat(pixel, subpixels, axis=0), subpixels, axis=1).ravel()

@@ -124,7 +124,7 @@ def _through_regions(path, index: np.ndarray, band: int) -> tuple[np.ndarray, np
         direction, factor = refract_flat(directions[-1], path.hit, eta, band)
         directions.append(direction)
         factors.append(factors[-1] * factor)
-    return np.array(directions), np.array(factors)
+    return np.array(directions), np.array(factors) if len(factors) > 1 else factors[0][np.newaxis]
 
 
 @allocating_kernel
