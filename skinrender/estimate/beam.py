@@ -11,6 +11,7 @@ each band.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,8 +56,7 @@ def estimate_beam(
     noise = _Noise(np.zeros((len(batches), h * w)), np.zeros(len(batches)))
     noisy = None if guides is None else np.zeros((h, w, len(bands)))
     seen = 0
-    for k, band in enumerate(stream.bands(bands)):
-        worth, factor = _ray_weights(stream, band)
+    for k, (band, worth, factor) in enumerate(_weighted_bands(stream, bands)):
         image, count = _deposit_band(stream, band, batches, worth, factor, noise)
         seen += count
         shown = unit * _shown(stream, kernels.luminance, image, factor)
@@ -135,20 +135,37 @@ class _Noise:
     light: np.ndarray
 
 
-def _ray_weights(stream: Stream, band: Band) -> tuple[np.ndarray, np.ndarray]:
-    """`ray_weights` of a band, each thread some slabs."""
+def _weighted_bands(stream: Stream, bands: np.ndarray) -> Iterator[tuple[Band, np.ndarray, np.ndarray]]:
+    """Each band with its `ray_weights`; they are made while the band before is summed, which leaves threads idle."""
+    before = None
+    for band in stream.bands(bands):
+        weighted, finish = _begin_weights(stream, band)
+        if before is not None:
+            yield before
+        finish()
+        before = weighted
+    if before is not None:
+        yield before
+
+
+def _begin_weights(
+    stream: Stream, band: Band
+) -> tuple[tuple[Band, np.ndarray, np.ndarray], Callable[[], object]]:
+    """A band with arrays that its `ray_weights` fill, each thread some slabs, and the function that waits for them."""
     rays, pixels = stream.lattice.rays, int(np.prod(stream.shape))
     worth = np.empty((band.slabs, len(rays.hit), 2), np.float32)
     factor = np.zeros((band.slabs, pixels), np.float32)
     outside = band.outside_power.astype(np.float32)
 
     def of_slab(slab: int) -> None:
+        transmittance = np.exp(np.float32(-0.5) * (band.tau[slab] + band.tau[slab + 1]))
         ray_weights(
-            slab, band.tau, outside[rays.region[slab]], rays.descent, stream.lattice.bin_area, stream.pixel_of, worth, factor
+            slab, band.tau, transmittance, outside[rays.region[slab]], rays.descent, stream.lattice.bin_area,
+            stream.pixel_of, worth, factor,
         )  # fmt: skip
 
-    list(stream.pool.map(of_slab, range(band.slabs)))
-    return worth, factor
+    begun = [stream.pool.submit(of_slab, slab) for slab in range(band.slabs)]
+    return (band, worth, factor), lambda: [one.result() for one in begun]
 
 
 def _deposit_band(

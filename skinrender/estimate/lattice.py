@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 from skinrender.estimate.ray_paths import RayPaths
 from skinrender.transport import allocating_kernel, kernel
@@ -51,6 +50,8 @@ class RayLattice:
     @cached_property
     def nearest_ray(self) -> np.ndarray:
         """A ray of each bin, (S, h w) int32; where it has none, of the nearest bin that has."""
+        from scipy.ndimage import distance_transform_edt
+
         first = np.minimum(self.bin_start[:, :-1], self.ray_of.shape[1] - 1)
         nearest = np.take_along_axis(self.ray_of, first, axis=1)
         for slab, empty in enumerate(np.diff(self.bin_start, axis=1) == 0):
