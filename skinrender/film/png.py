@@ -26,9 +26,9 @@ def write_png(path: str | Path, rgb: np.ndarray) -> float:
     ------
     RunError : the file cannot be written.
     """
-    from skimage.io import imsave
+    from PIL import Image
 
     encoded, clipped = encode_srgb(rgb)
     with whole_file(path) as temporary:
-        imsave(temporary, encoded, check_contrast=False)
+        Image.fromarray(encoded).save(temporary)
     return clipped
