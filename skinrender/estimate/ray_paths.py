@@ -66,9 +66,8 @@ def visible_depth_mm(volume: SkinVolume) -> float:
     z = volume.z_edges_mm
     depth, reached = np.zeros(mu_t.shape[1]), 0.0
     for k in range(len(z) - 1):
-        held = np.unique(volume.palette_index[:, :, k])
-        held = held[tissue[held]]
-        if z[k + 1] <= 0 or held.size == 0:
+        held = volume.plane_holds[k] & tissue
+        if z[k + 1] <= 0 or not held.any():
             continue
         top = max(z[k], 0.0)
         clearest = mu_t[held].min(axis=0)
