@@ -5,6 +5,7 @@ Radiance of a pixel = light reflected by the surface + single scattering + multi
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -32,6 +33,7 @@ from skinrender.estimate.view_path import LEVEL, ViewPath, make_view_path, meet_
 from skinrender.film.camera import ViewRays, view_rays
 from skinrender.film.color import exposure_for, y_weights
 from skinrender.film.spectral_image import SpectralImage
+from skinrender.photonmap.first_scattering import has_single_term
 from skinrender.photonmap.light import Light, light_from_scene
 from skinrender.photonmap.photon_map import PhotonMap
 from skinrender.scene import about
@@ -78,8 +80,14 @@ class View:
 
     def prepare(self) -> None:
         """Make all of the picture that needs no photons, which can be done while they are walked."""
-        of_photons = {"beam": ("lattices", "guides"), "point": ("lattices",), "reference": ()}
-        for part in (*of_photons[self.method], "single", "surface", "falling"):
+        self.prepare_for_photons()
+        for part in ("single", "surface", "falling"):
+            getattr(self, part)
+
+    def prepare_for_photons(self) -> None:
+        """Make what photons are looked at with."""
+        parts = {"beam": ("lattice", "guides"), "point": ("lattice", "pixel_lattice"), "reference": ()}
+        for part in parts[self.method]:
             getattr(self, part)
 
     def scattered(self, photon_map: PhotonMap, progress: bool = True) -> ScatteredLight:
@@ -100,9 +108,10 @@ class View:
             if self.method == "reference":
                 reference = Reference(self.scene.camera, self.volume, photon_map, self.y_weight, pool, progress)
                 return estimate_reference(reference, bands)
-            stream = Stream(self.volume, *self.lattices, photon_map, depths, self.y_weight, pool, count, progress)
+            pixels = self.volume, self.lattice, self._shape
+            stream = Stream(*pixels, photon_map, depths, self.y_weight, pool, count, progress)
             if self.method == "point":
-                return estimate_point(stream, self.gather_count, bands)
+                return estimate_point(stream, self.pixel_lattice, self.gather_count, bands)
             return estimate_beam(stream, self.gather_count, bands, self.guides)
 
     def joined(self, parts: Sequence[BandsLight], rounds: int) -> ScatteredLight:
@@ -140,24 +149,33 @@ class View:
 
     @cached_property
     def path(self) -> ViewPath:
-        """What these rays meet."""
+        """These rays in the skin; not needed under a relief, where light is not scattered once apart from the photons."""
         return make_view_path(self.rays.origin, self.rays.direction, self.volume)
 
+    @property
+    def _shape(self) -> tuple[int, int]:
+        """(h, w) of the picture."""
+        return self.rays.origin.shape[:2]
+
     @cached_property
-    def lattices(self) -> tuple[RayLattice, RayLattice]:
-        """The lattice of several rays a pixel (see `pixel_rays.PixelRays`), and that of one."""
-        edges = depth_edges(self.volume, self.method, _least_cosine(self.path, self.volume))
-        pixels = self._lattice(edges, 1)
-        finer = transmittance_subpixels(self.volume)
-        return (pixels if finer == 1 else self._lattice(edges, finer)), pixels
+    def lattice(self) -> RayLattice:
+        """The lattice to which photons are connected, see `pixel_rays.PixelRays`."""
+        return self._lattice(transmittance_subpixels(self.volume))
+
+    @cached_property
+    def pixel_lattice(self) -> RayLattice:
+        """The lattice of one ray a pixel; where the surface is flat it is `lattice`."""
+        return self.lattice if self.lattice.shape == self._shape else self._lattice(1)
 
     @cached_property
     def guides(self) -> Guides | None:
         """The guides of the light's pattern, see `estimate.guide`; None where there is none."""
-        return scene_guides(PixelRays(self.volume, *self.lattices), self.light)
+        return scene_guides(PixelRays(self.volume, self.lattice, self._shape), self.light)
 
-    def _lattice(self, edges: np.ndarray, subpixels: int) -> RayLattice:
+    def _lattice(self, subpixels: int) -> RayLattice:
         camera, volume = self.scene.camera, self.volume
+        least_cosine = 1.0 if volume.has_relief else _least_cosine(self.path)
+        edges = depth_edges(volume, self.method, least_cosine)
         rays = view_rays(camera, volume.size_mm, subpixels)
         shape = rays.origin.shape[:2]
         paths = follow_rays(rays.origin, rays.direction, volume, edges)
@@ -182,12 +200,15 @@ class View:
     @cached_property
     def single(self) -> np.ndarray:
         """Light scattered once, (h w, B)."""
+        if not has_single_term(self.volume, self.light):
+            return np.zeros((math.prod(self._shape), len(self.volume.wavelength_nm)))
         return single_scattering(self.path, self.volume, self.light)
 
     @cached_property
     def falling(self) -> np.ndarray:
         """Irradiance of the mean plane under the pixels, (h w, B)."""
-        points = self.path.entry[:, :2] if self.path.hit.all() else _plane_points(self.rays)
+        met = meet_surface(self.rays.origin, self.rays.direction, self.volume)
+        points = met.entry[:, :2] if met.hit.all() else _plane_points(self.rays)
         return irradiance(self.light, points, self.volume.size_mm, self.volume.sides == "periodic")
 
     @cached_property
@@ -251,10 +272,9 @@ def picture_plane(camera: Any, volume: SkinVolume, shape: tuple[int, int]) -> np
     return fit_plane(_plane_points(quarters), cell)
 
 
-def _least_cosine(path: ViewPath, volume: SkinVolume) -> float:
+def _least_cosine(path: ViewPath) -> float:
     """Of the view rays that enter a flat surface."""
-    cosine = path.cos_inside[path.hit & (path.cos_inside > LEVEL)]
-    return 1.0 if volume.has_relief else float(cosine.min(initial=1.0))
+    return float(path.cos_inside[path.hit & (path.cos_inside > LEVEL)].min(initial=1.0))
 
 
 def _check_range(irradiance: float) -> None:

@@ -19,17 +19,12 @@ class PixelRays:
     ----------
     lattice : k x k rays a pixel, to which photons are connected: one where the surface is flat. On a relief the tissue
         is of uneven thickness within a voxel, and the light inside follows it: one ray a pixel would be 5 % off.
-    pixel_lattice : one ray a pixel; the same where the surface is flat.
+    shape : (h, w) of the picture.
     """
 
     volume: SkinVolume
     lattice: RayLattice
-    pixel_lattice: RayLattice
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(h, w) of the picture."""
-        return self.pixel_lattice.shape
+    shape: tuple[int, int]
 
     @property
     def subpixels(self) -> int:
