@@ -55,9 +55,10 @@ def estimate_beam(
     changes = guides.of_color(kernels.color) if restores_color else None
     noise = _Noise(np.zeros((len(batches), h * w)), np.zeros(len(batches)))
     noisy = None if guides is None else np.zeros((h, w, len(bands)))
+    images = np.empty((min(_PARTS, len(batches)), stream.lattice.rays.slabs, h * w))
     seen = 0
     for k, (band, worth, factor) in enumerate(_weighted_bands(stream, bands)):
-        image, count = _deposit_band(stream, band, batches, worth, factor, noise)
+        image, count = _deposit_band(stream, band, batches, worth, factor, noise, images)
         seen += count
         shown = unit * _shown(stream, kernels.luminance, image, factor)
         if luminance is not None:
@@ -136,10 +137,15 @@ class _Noise:
 
 
 def _weighted_bands(stream: Stream, bands: np.ndarray) -> Iterator[tuple[Band, np.ndarray, np.ndarray]]:
-    """Each band with its `ray_weights`; they are made while the band before is summed, which leaves threads idle."""
+    """Each band with its `ray_weights`; they are made while the band before is summed, which leaves threads idle.
+
+    The weights of a band are gone when the next but one is asked for: fresh memory for each costs the system as much.
+    """
+    rays = stream.lattice.rays
+    rooms = np.empty((2, rays.slabs, len(rays.hit), 2), np.float32)
     before = None
-    for band in stream.bands(bands):
-        weighted, finish = _begin_weights(stream, band)
+    for k, band in enumerate(stream.bands(bands)):
+        weighted, finish = _begin_weights(stream, band, rooms[k % 2, : band.slabs])
         if before is not None:
             yield before
         finish()
@@ -149,11 +155,10 @@ def _weighted_bands(stream: Stream, bands: np.ndarray) -> Iterator[tuple[Band, n
 
 
 def _begin_weights(
-    stream: Stream, band: Band
+    stream: Stream, band: Band, worth: np.ndarray
 ) -> tuple[tuple[Band, np.ndarray, np.ndarray], Callable[[], object]]:
     """A band with arrays that its `ray_weights` fill, each thread some slabs, and the function that waits for them."""
     rays, pixels = stream.lattice.rays, int(np.prod(stream.shape))
-    worth = np.empty((band.slabs, len(rays.hit), 2), np.float32)
     factor = np.zeros((band.slabs, pixels), np.float32)
     outside = band.outside_power.astype(np.float32)
 
@@ -169,18 +174,21 @@ def _begin_weights(
 
 
 def _deposit_band(
-    stream: Stream, band: Band, batches: list[np.ndarray], worth: np.ndarray, factor: np.ndarray, noise: _Noise
-) -> tuple[np.ndarray, int]:
+    stream: Stream, band: Band, batches: list[np.ndarray], worth: np.ndarray, factor: np.ndarray, noise: _Noise,
+    images: np.ndarray,
+) -> tuple[np.ndarray, int]:  # fmt: skip
     """Slab images (S, pixels) of a band's photons, and the number of contributions; enters their noise.
 
     The batches are shared out to a fixed number of images, so that the sum is the same for any number of threads. They
-    are float64: a sum in float32 stops growing once it is 2^24 times what is added.
+    are float64: a sum in float32 stops growing once it is 2^24 times what is added. images : room for theirs, of which the
+    first becomes the sum.
     """
     lattice, rays = stream.lattice, stream.lattice.rays
     palette, g = band.anisotropy
 
-    def run(part: int) -> tuple[np.ndarray, int]:
-        image, count = np.zeros(factor.shape), 0
+    def run(part: int) -> int:
+        image, count = images[part, : band.slabs], 0
+        image[...] = 0.0
         for k in range(part, len(batches), _PARTS):
             for index in batches[k]:
                 met, light = deposit(
@@ -191,10 +199,10 @@ def _deposit_band(
                 )  # fmt: skip
                 count += met
                 noise.light[k] += light
-        return image, count
+        return count
 
-    total, count = np.zeros(factor.shape), 0
-    for image, met in stream.pool.map(run, range(min(_PARTS, len(batches)))):
-        total += image
-        count += met
+    count = sum(stream.pool.map(run, range(len(images))))
+    total = images[0, : band.slabs]
+    for image in images[1:]:
+        total += image[: band.slabs]
     return total, count

@@ -17,8 +17,8 @@ from skinrender.estimate.view_path import relief_arrays
 from skinrender.photonmap.first_scattering import is_laterally_uniform
 from skinrender.photonmap.photon_map import PhotonMap
 
-_DEPTHS_AT_ONCE = 2**27
-"""Optical depths held at once, 512 MB: the rays are followed through the voxels once for as many bands as that
+_DEPTHS_AT_ONCE = 2**26
+"""Optical depths held at once, 256 MB: the rays are followed through the voxels once for as many bands as that
 holds, all of these as evenly as can be."""
 _SAMPLE = 200_000
 _ANY_WIDTH_MM = 1e30
