@@ -28,13 +28,21 @@ def run_build(job: Job) -> SkinVolume:
     from skinrender.skin.section import draw_section
 
     with folder_lock(job.out):
-        volume = build_alone(job)
+        volume = _build(job)
         with job.clock.stage("write"):
             draw_section(volume, job.section)
     return volume
 
 
 def build_alone(job: Job) -> SkinVolume:
+    """Build the volume and write it; its section is still to be drawn, see `section_beside`."""
+    from skinrender.engine.lock import folder_lock
+
+    with folder_lock(job.out):
+        return _build(job)
+
+
+def _build(job: Job) -> SkinVolume:
     """Build the volume and write it; it has no section then, not even an older one's."""
     from skinrender.atomic import remove
     from skinrender.skin.builder import build_volume
