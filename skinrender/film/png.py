@@ -26,9 +26,9 @@ def write_png(path: str | Path, rgb: np.ndarray) -> float:
     ------
     RunError : the file cannot be written.
     """
-    from PIL import Image
+    from skimage.io import imsave
 
     encoded, clipped = encode_srgb(rgb)
     with whole_file(path) as temporary:
-        Image.fromarray(encoded).save(temporary)
+        imsave(temporary, encoded, check_contrast=False)
     return clipped
