@@ -98,7 +98,7 @@ def per_photon(name: str, case: Case, histories: int) -> list[str]:
         view.scattered(few, False)
         _, fixed = clocked(lambda view=view: view.scattered(few, False))
         light, spent = clocked(lambda view=view: view.scattered(photons, False))
-        samples = math.prod(case.scene.camera.pixels) * (view.lattices[0].rays.slabs if method == "point" else 1)
+        samples = math.prod(case.scene.camera.pixels) * (view.lattice.rays.slabs if method == "point" else 1)
         own = 1e9 * max(spent.cpu - fixed.cpu, 0.0)
         rows.append(
             f"{name:18} {method:6} {len(photons) / 1e6:8.2f} {fixed.cpu:8.2f} {spent.cpu:8.2f} "

@@ -42,6 +42,14 @@ def whole_file(path: str | Path) -> Iterator[Path]:
         raise RunError(f"{path}: cannot be written ({error.strerror or error})") from error
 
 
+def remove(path: Path) -> None:
+    """Delete a file that is to be made again, if it is there; raises `RunError` where it cannot be."""
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise RunError(f"{path}: cannot be written ({error.strerror or error})") from error
+
+
 def _is_another_alive(pid: int) -> bool:
     if pid == os.getpid():
         return False  # a namesake's: in a container the same few numbers come again

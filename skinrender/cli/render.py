@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -92,10 +93,10 @@ def _render(
 ) -> dict[str, Any]:
     """Run the stages that are needed; the summaries of all three in one."""
     from skinrender.cli.current import current_map, current_summary, estimate_provenance, matching_map
-    from skinrender.cli.stages import run_estimate, run_trace, volume_summary
+    from skinrender.cli.stages import run_build, run_estimate, run_trace, volume_summary
     from skinrender.engine.trace import summary_of_map
 
-    done, volume = _volume(job)
+    done, volume = _volume(job, run_build)
     summary = volume_summary(job, volume)
     with job.clock.stage("load"):
         photon_map = current_map(job)
@@ -124,9 +125,9 @@ def _render_until(
     job: Job, target_error: float | None, seconds: float | None, reflectance: bool, workers: int | None
 ) -> dict[str, Any]:
     """Build if need be, then let the picture grow."""
-    from skinrender.cli.stages import run_until, volume_summary
+    from skinrender.cli.stages import build_alone, run_until, volume_summary
 
-    done, volume = _volume(job)
+    done, volume = _volume(job, build_alone)
     summary = volume_summary(job, volume) | run_until(job, volume, target_error, seconds, reflectance, workers)
     job.log_seconds("render", workers)
     job.write_page()
@@ -136,11 +137,10 @@ def _render_until(
     }  # fmt: skip
 
 
-def _volume(job: Job) -> tuple[list[str], SkinVolume]:
+def _volume(job: Job, build: Callable[[Job], SkinVolume]) -> tuple[list[str], SkinVolume]:
     """The scene's volume, and whether it had to be built."""
     from skinrender.cli.current import current_volume
-    from skinrender.cli.stages import run_build
 
     with job.clock.stage("load"):
         volume = current_volume(job)
-    return ([], volume) if volume is not None else (["build"], run_build(job))
+    return ([], volume) if volume is not None else (["build"], build(job))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -24,17 +25,33 @@ if TYPE_CHECKING:
 def run_build(job: Job) -> SkinVolume:
     """Build the volume and write it with its section."""
     from skinrender.engine.lock import folder_lock
-    from skinrender.skin.builder import build_volume
     from skinrender.skin.section import draw_section
-    from skinrender.skin.volume import load_volume, save_volume
 
     with folder_lock(job.out):
-        with job.clock.stage("load"):
-            volume = build_volume(job.scene)
-            save_volume(volume, job.volume)
+        volume = _build(job)
         with job.clock.stage("write"):
             draw_section(volume, job.section)
-    return load_volume(job.volume)
+    return volume
+
+
+def build_alone(job: Job) -> SkinVolume:
+    """Build the volume and write it; its section is still to be drawn, see `section_beside`."""
+    from skinrender.engine.lock import folder_lock
+
+    with folder_lock(job.out):
+        return _build(job)
+
+
+def _build(job: Job) -> SkinVolume:
+    """Build the volume and write it; it has no section then, not even an older one's."""
+    from skinrender.atomic import remove
+    from skinrender.skin.builder import build_volume
+    from skinrender.skin.volume import load_volume, save_volume
+
+    with job.clock.stage("load"):
+        remove(job.section)
+        save_volume(build_volume(job.scene), job.volume)
+        return load_volume(job.volume)
 
 
 def run_trace(
@@ -99,6 +116,21 @@ def write_picture(job: Job, image: SpectralImage, summary: EstimateSummary, refl
     return told
 
 
+@contextlib.contextmanager
+def section_beside(job: Job, volume: SkinVolume) -> Iterator[None]:
+    """Draw the volume's section, if there is none, while the block runs."""
+    from skinrender.skin.section import draw_section
+
+    if job.section.is_file():
+        yield
+        return
+    with ThreadPoolExecutor(1) as pool:
+        drawn = pool.submit(draw_section, volume, job.section)
+        yield
+        with job.clock.stage("write"):
+            drawn.result()
+
+
 def run_until(
     job: Job,
     volume: SkinVolume,
@@ -126,7 +158,7 @@ def run_until(
         )
 
     goal = Goal(target_error, None if seconds is None else job.began + seconds)
-    with folder_lock(job.out):
+    with folder_lock(job.out), section_beside(job, volume):
         traced = render_until(
             goal, job.scene, volume, scene_recipe(job.scene, job.volume), show, threads=threads,
             progress=job.console.progress, clock=job.clock,

@@ -129,7 +129,6 @@ class BandsErrand:
         with _one_builds:
             if _view is None or _view[0] != key:
                 view = View(self.scene, load_volume(volume_path), self.method, self.gather_count, threads=1)
-                if self.method != "reference":
-                    view.lattices  # noqa: B018  made before other threads ask for them
+                view.prepare_for_photons()  # before other threads ask for it
                 _view = (key, view)
             return _view[1]

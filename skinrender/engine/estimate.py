@@ -152,17 +152,19 @@ def estimate_bytes(scene: Any, volume: SkinVolume, method: str, rounds: int, thr
     pixels, bands, threads = math.prod(scene.camera.pixels), len(volume.wavelength_nm), threads or os.cpu_count() or 1
     reflection = 0
     if why_no_reflection(scene, volume) is None:
-        reflection = surface_bytes(surface_subpixels(scene, volume) ** 2 * pixels, bands)
-    after = 8 * 4 * pixels * bands + reflection
+        reflection = surface_bytes(surface_subpixels(scene, volume) ** 2 * pixels, pixels, bands)
+    made = 3 * 8 * pixels * bands  # scattered once, reflected and falling light; a growing picture has them first
+    alone = max(reflection, 8 * pixels * bands)
     filled = volume.palette_index.nbytes if volume.has_relief else 0  # the voxels again, without air
     if method == "reference":
-        return filled + max(reference_bytes(scene.camera, volume, pixels, bands, rounds, threads), after)
+        return filled + made + max(reference_bytes(scene.camera, volume, pixels, bands, rounds, threads), alone)
     slabs, regions = len(depth_edges(volume, method)) - 1, regions_of(volume).count
     rays = transmittance_subpixels(volume) ** 2 * pixels
-    held = sum(paths_bytes(q, slabs, regions, bands) + lattice_bytes(q, slabs) for q in {pixels, rays})
+    lattices = {pixels, rays} if method == "point" else {rays}
+    held = sum(paths_bytes(q, slabs, regions, bands) + lattice_bytes(q, slabs) for q in lattices)
     counts = pixels, rays, slabs, bands, rounds
     of_method = beam_bytes(*counts) if method == "beam" else point_bytes(*counts, threads)
-    return filled + held + max(depths_bytes(rays, slabs, bands) + of_method, after)
+    return filled + made + held + max(depths_bytes(rays, slabs, bands) + of_method, alone)
 
 
 def summarize(view: View, image: SpectralImage, scattered: ScatteredLight, clock: StageClock) -> EstimateSummary:

@@ -17,6 +17,7 @@ from typing import Any
 
 from tqdm import tqdm
 
+from skinrender.engine.beside import beside
 from skinrender.engine.clock import StageClock
 from skinrender.engine.estimate import EstimateSummary, open_view, summarize
 from skinrender.engine.executor import in_order
@@ -129,10 +130,11 @@ def render_until(
     with about(scene, "estimate"):
         _refuse_gather_count(scene)
     clock, threads = clock or StageClock(), threads or os.cpu_count() or 1
+    view = open_view(scene, volume, FIRST_ROUNDS, threads=threads)
+    prepared = beside(view.prepare)
     with clock.stage("load"):
         run, plan = plan_run(recipe, scene.photons.seed, FIRST_ROUNDS * 2 * ROUND_STORED, scene.photons.wavelengths)
         walker = _Walker(run, threads, progress)
-    view = open_view(scene, volume, FIRST_ROUNDS, threads=threads)
     ledger, parts, scattered, error = run.new_ledger(), [], None, None
     most = max(FIRST_ROUNDS, int(PART_STORED / max(plan.stored_per_round, 1.0)))
     with listen() as interrupt:
@@ -144,6 +146,7 @@ def render_until(
                     ledger.add(one)
             walk_seconds = time.monotonic() - began
             with clock.stage("estimate"):
+                prepared()
                 part = view.scattered(map_from_rounds(walker.photon_pass, walked), progress)
                 del walked
                 scattered = part if scattered is None else pooled(scattered, part)

@@ -5,6 +5,7 @@ Radiance of a pixel = light reflected by the surface + single scattering + multi
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -17,20 +18,22 @@ from tqdm import tqdm
 
 from skinrender.errors import InputError, SceneError
 from skinrender.estimate.beam import estimate_beam
-from skinrender.estimate.guide import Guides, color_patterns, patterns, side_patterns
+from skinrender.estimate.guide import Guides
 from skinrender.estimate.lattice import RayLattice, fit_plane, make_lattice
+from skinrender.estimate.pixel_rays import PixelRays, pixels_of_rays
 from skinrender.estimate.point import estimate_point, march_edges
-from skinrender.estimate.radius import COLOR_WIDER, WIDEST_MM, at_columns, is_alike, lesion_absorbance
 from skinrender.estimate.ray_paths import follow_rays, slab_edges, visible_depth_mm
 from skinrender.estimate.reference import Reference, estimate_reference, remaining_bias
 from skinrender.estimate.scatter_image import BandsLight, ScatteredLight, batch_stderr, joined
+from skinrender.estimate.scene_guides import scene_guides
 from skinrender.estimate.single import single_scattering
 from skinrender.estimate.stream import DepthSample, Stream, sample_depths
-from skinrender.estimate.surface import entering_light, has_direction, irradiance, surface_reflection
-from skinrender.estimate.view_path import LEVEL, ViewPath, make_view_path
+from skinrender.estimate.surface import irradiance, surface_reflection
+from skinrender.estimate.view_path import LEVEL, ViewPath, make_view_path, meet_surface
 from skinrender.film.camera import ViewRays, view_rays
 from skinrender.film.color import exposure_for, y_weights
 from skinrender.film.spectral_image import SpectralImage
+from skinrender.photonmap.first_scattering import has_single_term
 from skinrender.photonmap.light import Light, light_from_scene
 from skinrender.photonmap.photon_map import PhotonMap
 from skinrender.scene import about
@@ -75,6 +78,18 @@ class View:
                 remedy="use `inner_borders: matched`, or a flat relief and no border wave",
             )  # fmt: skip
 
+    def prepare(self) -> None:
+        """Make all of the picture that needs no photons, which can be done while they are walked."""
+        self.prepare_for_photons()
+        for part in ("single", "surface", "falling"):
+            getattr(self, part)
+
+    def prepare_for_photons(self) -> None:
+        """Make what photons are looked at with."""
+        parts = {"beam": ("lattice", "guides"), "point": ("lattice", "pixel_lattice"), "reference": ()}
+        for part in parts[self.method]:
+            getattr(self, part)
+
     def scattered(self, photon_map: PhotonMap, progress: bool = True) -> ScatteredLight:
         """The multiply scattered light that photons show."""
         with photons_bar(len(photon_map), self.method, progress) as bar:
@@ -93,10 +108,11 @@ class View:
             if self.method == "reference":
                 reference = Reference(self.scene.camera, self.volume, photon_map, self.y_weight, pool, progress)
                 return estimate_reference(reference, bands)
-            stream = Stream(self.volume, photon_map, depths, *self.lattices, self.y_weight, pool, count, progress)
+            pixels = self.volume, self.lattice, self._shape
+            stream = Stream(*pixels, photon_map, depths, self.y_weight, pool, count, progress)
             if self.method == "point":
-                return estimate_point(stream, self.gather_count, bands)
-            return estimate_beam(stream, self.gather_count, bands, self.guides(stream))
+                return estimate_point(stream, self.pixel_lattice, self.gather_count, bands)
+            return estimate_beam(stream, self.gather_count, bands, self.guides)
 
     def joined(self, parts: Sequence[BandsLight], rounds: int) -> ScatteredLight:
         """The light of all bands, from their parts in order."""
@@ -104,33 +120,6 @@ class View:
         if self.method != "reference":
             return light
         return replace(light, remaining=remaining_bias(self.scene.camera, self.volume, parts, light.radiance))
-
-    def guides(self, stream: Stream) -> Guides | None:
-        """The guides of the light's pattern, see `estimate.guide`; None where there is none."""
-        rays, volume = stream.lattice.rays, self.volume
-        grid = stream.lattice.spacing_mm * stream.subpixels, stream.covers_patch
-
-        def in_pixels(values: np.ndarray) -> np.ndarray:
-            return stream.pixel_mean(values).reshape(stream.shape)
-
-        def let_through(deepest_mm: float) -> list[np.ndarray]:
-            absorbance = lesion_absorbance(volume, deepest_mm)
-            through = at_columns(np.exp(-absorbance), rays.entry, volume.size_mm)
-            return [] if is_alike(absorbance) else [in_pixels(through)]
-
-        pixel_entry = stream.pixel_mean(rays.entry.T)[:2].T
-        height, lamp = None, []
-        if volume.has_relief:
-            height = in_pixels(rays.entry[:, 2])
-            if has_direction(self.light):
-                lamp = [in_pixels(entering_light(rays.entry, rays.hit, volume, self.light))]
-        found = Guides(
-            relief=patterns(lamp, height, *grid),
-            lesion=patterns(let_through(WIDEST_MM), None, *grid),
-            color=color_patterns(let_through(COLOR_WIDER * WIDEST_MM), *grid),
-            sides=[] if volume.sides == "periodic" else side_patterns(pixel_entry, volume.size_mm, stream.shape),
-        )
-        return found if any(map(len, found)) else None
 
     def image(self, scattered: ScatteredLight, provenance: dict[str, Any]) -> SpectralImage:
         """The spectral picture."""
@@ -160,19 +149,33 @@ class View:
 
     @cached_property
     def path(self) -> ViewPath:
-        """What these rays meet."""
+        """These rays in the skin; not needed under a relief, where light is not scattered once apart from the photons."""
         return make_view_path(self.rays.origin, self.rays.direction, self.volume)
 
-    @cached_property
-    def lattices(self) -> tuple[RayLattice, RayLattice]:
-        """The lattice of several rays a pixel (see `stream.Stream`), and that of one."""
-        edges = depth_edges(self.volume, self.method, _least_cosine(self.path, self.volume))
-        pixels = self._lattice(edges, 1)
-        finer = transmittance_subpixels(self.volume)
-        return (pixels if finer == 1 else self._lattice(edges, finer)), pixels
+    @property
+    def _shape(self) -> tuple[int, int]:
+        """(h, w) of the picture."""
+        return self.rays.origin.shape[:2]
 
-    def _lattice(self, edges: np.ndarray, subpixels: int) -> RayLattice:
+    @cached_property
+    def lattice(self) -> RayLattice:
+        """The lattice to which photons are connected, see `pixel_rays.PixelRays`."""
+        return self._lattice(transmittance_subpixels(self.volume))
+
+    @cached_property
+    def pixel_lattice(self) -> RayLattice:
+        """The lattice of one ray a pixel; where the surface is flat it is `lattice`."""
+        return self.lattice if self.lattice.shape == self._shape else self._lattice(1)
+
+    @cached_property
+    def guides(self) -> Guides | None:
+        """The guides of the light's pattern, see `estimate.guide`; None where there is none."""
+        return scene_guides(PixelRays(self.volume, self.lattice, self._shape), self.light)
+
+    def _lattice(self, subpixels: int) -> RayLattice:
         camera, volume = self.scene.camera, self.volume
+        least_cosine = 1.0 if volume.has_relief else _least_cosine(self.path)
+        edges = depth_edges(volume, self.method, least_cosine)
         rays = view_rays(camera, volume.size_mm, subpixels)
         shape = rays.origin.shape[:2]
         paths = follow_rays(rays.origin, rays.direction, volume, edges)
@@ -197,12 +200,15 @@ class View:
     @cached_property
     def single(self) -> np.ndarray:
         """Light scattered once, (h w, B)."""
+        if not has_single_term(self.volume, self.light):
+            return np.zeros((math.prod(self._shape), len(self.volume.wavelength_nm)))
         return single_scattering(self.path, self.volume, self.light)
 
     @cached_property
     def falling(self) -> np.ndarray:
         """Irradiance of the mean plane under the pixels, (h w, B)."""
-        points = self.path.entry[:, :2] if self.path.hit.all() else _plane_points(self.rays)
+        met = meet_surface(self.rays.origin, self.rays.direction, self.volume)
+        points = met.entry[:, :2] if met.hit.all() else _plane_points(self.rays)
         return irradiance(self.light, points, self.volume.size_mm, self.volume.sides == "periodic")
 
     @cached_property
@@ -218,9 +224,8 @@ class View:
             return np.zeros((h * w, bands))
         subpixels = surface_subpixels(self.scene, self.volume)
         rays = view_rays(self.scene.camera, self.volume.size_mm, subpixels)
-        path = make_view_path(rays.origin, rays.direction, self.volume)
-        reflected = surface_reflection(path, self.volume, self.light, self.scene.finish)
-        return reflected.reshape(h, subpixels, w, subpixels, bands).mean(axis=(1, 3)).reshape(h * w, bands)
+        met = meet_surface(rays.origin, rays.direction, self.volume)
+        return surface_reflection(met, pixels_of_rays((h, w), subpixels), self.volume, self.light, self.scene.finish)
 
 
 def photons_bar(photons: int, method: str, progress: bool) -> tqdm:
@@ -249,7 +254,7 @@ def surface_subpixels(scene: Any, volume: SkinVolume) -> int:
 
 
 def transmittance_subpixels(volume: SkinVolume) -> int:
-    """Rays along each side of a pixel for the light from inside (see `stream.Stream`)."""
+    """Rays along each side of a pixel for the light from inside (see `pixel_rays.PixelRays`)."""
     return TRANSMITTANCE_SUBPIXELS if volume.has_relief else 1
 
 
@@ -267,10 +272,9 @@ def picture_plane(camera: Any, volume: SkinVolume, shape: tuple[int, int]) -> np
     return fit_plane(_plane_points(quarters), cell)
 
 
-def _least_cosine(path: ViewPath, volume: SkinVolume) -> float:
+def _least_cosine(path: ViewPath) -> float:
     """Of the view rays that enter a flat surface."""
-    cosine = path.cos_inside[path.hit & (path.cos_inside > LEVEL)]
-    return 1.0 if volume.has_relief else float(cosine.min(initial=1.0))
+    return float(path.cos_inside[path.hit & (path.cos_inside > LEVEL)].min(initial=1.0))
 
 
 def _check_range(irradiance: float) -> None:

@@ -11,6 +11,7 @@ each band.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,10 +55,10 @@ def estimate_beam(
     changes = guides.of_color(kernels.color) if restores_color else None
     noise = _Noise(np.zeros((len(batches), h * w)), np.zeros(len(batches)))
     noisy = None if guides is None else np.zeros((h, w, len(bands)))
+    images = np.empty((min(_PARTS, len(batches)), stream.lattice.rays.slabs, h * w))
     seen = 0
-    for k, band in enumerate(stream.bands(bands)):
-        worth, factor = _ray_weights(stream, band)
-        image, count = _deposit_band(stream, band, batches, worth, factor, noise)
+    for k, (band, worth, factor) in enumerate(_weighted_bands(stream, bands)):
+        image, count = _deposit_band(stream, band, batches, worth, factor, noise, images)
         seen += count
         shown = unit * _shown(stream, kernels.luminance, image, factor)
         if luminance is not None:
@@ -135,35 +136,59 @@ class _Noise:
     light: np.ndarray
 
 
-def _ray_weights(stream: Stream, band: Band) -> tuple[np.ndarray, np.ndarray]:
-    """`ray_weights` of a band, each thread some slabs."""
+def _weighted_bands(stream: Stream, bands: np.ndarray) -> Iterator[tuple[Band, np.ndarray, np.ndarray]]:
+    """Each band with its `ray_weights`; they are made while the band before is summed, which leaves threads idle.
+
+    The weights of a band are gone when the next but one is asked for: fresh memory for each costs the system as much.
+    """
+    rays = stream.lattice.rays
+    rooms = np.empty((2, rays.slabs, len(rays.hit), 2), np.float32)
+    before = None
+    for k, band in enumerate(stream.bands(bands)):
+        weighted, finish = _begin_weights(stream, band, rooms[k % 2, : band.slabs])
+        if before is not None:
+            yield before
+        finish()
+        before = weighted
+    if before is not None:
+        yield before
+
+
+def _begin_weights(
+    stream: Stream, band: Band, worth: np.ndarray
+) -> tuple[tuple[Band, np.ndarray, np.ndarray], Callable[[], object]]:
+    """A band with arrays that its `ray_weights` fill, each thread some slabs, and the function that waits for them."""
     rays, pixels = stream.lattice.rays, int(np.prod(stream.shape))
-    worth = np.empty((band.slabs, len(rays.hit), 2), np.float32)
     factor = np.zeros((band.slabs, pixels), np.float32)
     outside = band.outside_power.astype(np.float32)
 
     def of_slab(slab: int) -> None:
+        transmittance = np.exp(np.float32(-0.5) * (band.tau[slab] + band.tau[slab + 1]))
         ray_weights(
-            slab, band.tau, outside[rays.region[slab]], rays.descent, stream.lattice.bin_area, stream.pixel_of, worth, factor
+            slab, band.tau, transmittance, outside[rays.region[slab]], rays.descent, stream.lattice.bin_area,
+            stream.pixel_of, worth, factor,
         )  # fmt: skip
 
-    list(stream.pool.map(of_slab, range(band.slabs)))
-    return worth, factor
+    begun = [stream.pool.submit(of_slab, slab) for slab in range(band.slabs)]
+    return (band, worth, factor), lambda: [one.result() for one in begun]
 
 
 def _deposit_band(
-    stream: Stream, band: Band, batches: list[np.ndarray], worth: np.ndarray, factor: np.ndarray, noise: _Noise
-) -> tuple[np.ndarray, int]:
+    stream: Stream, band: Band, batches: list[np.ndarray], worth: np.ndarray, factor: np.ndarray, noise: _Noise,
+    images: np.ndarray,
+) -> tuple[np.ndarray, int]:  # fmt: skip
     """Slab images (S, pixels) of a band's photons, and the number of contributions; enters their noise.
 
     The batches are shared out to a fixed number of images, so that the sum is the same for any number of threads. They
-    are float64: a sum in float32 stops growing once it is 2^24 times what is added.
+    are float64: a sum in float32 stops growing once it is 2^24 times what is added. images : room for theirs, of which the
+    first becomes the sum.
     """
     lattice, rays = stream.lattice, stream.lattice.rays
     palette, g = band.anisotropy
 
-    def run(part: int) -> tuple[np.ndarray, int]:
-        image, count = np.zeros(factor.shape), 0
+    def run(part: int) -> int:
+        image, count = images[part, : band.slabs], 0
+        image[...] = 0.0
         for k in range(part, len(batches), _PARTS):
             for index in batches[k]:
                 met, light = deposit(
@@ -174,10 +199,10 @@ def _deposit_band(
                 )  # fmt: skip
                 count += met
                 noise.light[k] += light
-        return image, count
+        return count
 
-    total, count = np.zeros(factor.shape), 0
-    for image, met in stream.pool.map(run, range(min(_PARTS, len(batches)))):
-        total += image
-        count += met
+    count = sum(stream.pool.map(run, range(len(images))))
+    total = images[0, : band.slabs]
+    for image in images[1:]:
+        total += image[: band.slabs]
     return total, count

@@ -70,7 +70,7 @@ BLOCK = 256
 
 
 @entry_kernel
-def ray_weights(slab, tau, outside_power, descent, bin_area, pixel_of, worth, factor):
+def ray_weights(slab, tau, transmittance, outside_power, descent, bin_area, pixel_of, worth, factor):
     """What a photon's connection to a ray is worth in one slab, in two factors.
 
     The filter must blur the light alone and nothing that belongs to the ray: neither its transmittance nor, on a
@@ -80,6 +80,7 @@ def ray_weights(slab, tau, outside_power, descent, bin_area, pixel_of, worth, fa
     Parameters
     ----------
     tau : (S + 1, Q) f4, optical depth of the rays at the slab edges.
+    transmittance : (Q,) f4, exp of minus the optical depth at mid-slab; numpy's is four times as fast as one here.
     outside_power : (Q,) f4, power of a photon times the factor from radiance inside to radiance outside.
     descent (S, Q) f4, bin_area (S,) : of the rays and their bins.
     pixel_of : (Q,) pixel of each ray.
@@ -89,12 +90,10 @@ def ray_weights(slab, tau, outside_power, descent, bin_area, pixel_of, worth, fa
         pixel's rays.
     """
     count, pixels = tau.shape[1], factor.shape[1]
-    half = np.float32(0.5)
     share = np.float32(pixels / count)
     for q in range(count):
-        above, below = tau[slab, q], tau[slab + 1, q]
-        own = np.exp(-half * (above + below)) * outside_power[q] / descent[slab, q]
-        worth[slab, q, DROP], worth[slab, q, WEIGHT] = below - above, own
+        own = transmittance[q] * outside_power[q] / descent[slab, q]
+        worth[slab, q, DROP], worth[slab, q, WEIGHT] = tau[slab + 1, q] - tau[slab, q], own
         factor[slab, pixel_of[q]] += own * share
     share = np.float32(share / bin_area[slab])
     for q in range(count):

@@ -30,7 +30,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
 
 BLURS_MM = (0.04, 0.08)
 """Standard deviations of the blurred guides; the widest kernel's is 0.14."""
@@ -94,6 +93,8 @@ def patterns(lights: Sequence[np.ndarray], height: np.ndarray | None, spacing_mm
     height : (h, w) mm of the surface; None where it is flat.
     spacing_mm : of pixels; wrap: the picture repeats.
     """
+    from scipy.ndimage import gaussian_filter  # takes 0.4 s, which pass beside the walk where guides are made there
+
     mode = "wrap" if wrap else "nearest"
     sigmas = [blur / spacing_mm for blur in BLURS_MM]
     found = []
@@ -107,6 +108,8 @@ def patterns(lights: Sequence[np.ndarray], height: np.ndarray | None, spacing_mm
 
 def color_patterns(lights: Sequence[np.ndarray], spacing_mm: float, wrap: bool) -> list[list[np.ndarray]]:
     """Guides of the shape of the spectra, for each power of each light (h, w): as it is, and blurred."""
+    from scipy.ndimage import gaussian_filter
+
     mode = "wrap" if wrap else "nearest"
     powers = (light**power for light in lights for power in COLOR_POWERS)
     scaled = [(light / light.mean()).astype(np.float32) for light in powers]

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 from skinrender.estimate.ray_paths import RayPaths
 from skinrender.transport import allocating_kernel, kernel
@@ -51,6 +50,8 @@ class RayLattice:
     @cached_property
     def nearest_ray(self) -> np.ndarray:
         """A ray of each bin, (S, h w) int32; where it has none, of the nearest bin that has."""
+        from scipy.ndimage import distance_transform_edt
+
         first = np.minimum(self.bin_start[:, :-1], self.ray_of.shape[1] - 1)
         nearest = np.take_along_axis(self.ray_of, first, axis=1)
         for slab, empty in enumerate(np.diff(self.bin_start, axis=1) == 0):
@@ -73,7 +74,7 @@ def make_lattice(rays: RayPaths, shape: tuple[int, int], plane: np.ndarray) -> R
     plane (2, 3) : affine map from (x, y) on the mean plane to fractional (row, column), for when the rays that hit lie on
         a line and don't tell.
     """
-    maps = np.array([_fit_bins(points, rays.hit, shape, plane) for points in rays.point])
+    maps = _fit_bins(rays.point, rays.hit, shape, plane)
     start, order = _sort_rays(rays.point, rays.hit, maps, *shape)
     area = 1.0 / np.abs(np.linalg.det(maps[:, :, :2]))
     held = np.diff(start, axis=1)
@@ -94,15 +95,16 @@ def fit_plane(point: np.ndarray, cell: np.ndarray) -> np.ndarray:
 
 
 def _fit_bins(point: np.ndarray, hit: np.ndarray, shape: tuple[int, int], plane: np.ndarray) -> np.ndarray:
-    """Affine map (2, 3) from (x, y) to fractional (row, column), fitted to the rays that hit."""
+    """Affine maps (S, 2, 3) from (x, y) to fractional (row, column), fitted to the points (S, Q, 2) of rays that hit."""
     if not hit.any():
-        return plane
+        return np.tile(plane, (len(point), 1, 1))
     cell = np.column_stack(np.divmod(np.flatnonzero(hit), shape[1])).astype(float)
     spread = cell - cell.mean(axis=0)
+    seen = point if hit.all() else point[:, hit]
     if np.linalg.matrix_rank(spread.T @ spread) == 2:
-        return fit_plane(point[hit], cell)
-    shift = (cell - point[hit] @ plane[:, :2].T).mean(axis=0)
-    return np.column_stack([plane[:, :2], shift])
+        return np.array([fit_plane(points, cell) for points in seen])
+    shifts = [(cell - points @ plane[:, :2].T).mean(axis=0) for points in seen]
+    return np.array([np.column_stack([plane[:, :2], shift]) for shift in shifts])
 
 
 def _bin_bounds(to_lattice: np.ndarray, shape: tuple[int, int]) -> np.ndarray:

@@ -14,6 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from skinrender.estimate.gather_points import depth_share, gather_points
+from skinrender.estimate.lattice import RayLattice
 from skinrender.estimate.scatter_image import MOST_BATCHES, BandsLight, batches_of
 from skinrender.estimate.stream import Band, Stream, over_batches
 
@@ -36,7 +37,7 @@ def march_edges(deepest_mm: float, side_mm: float = MARCH_MM) -> np.ndarray:
     return np.linspace(0.0, deepest_mm, int(np.clip(np.ceil(deepest_mm / min(MARCH_MM, side_mm)), 1, MOST_STEPS)) + 1)
 
 
-def sphere_radii_mm(stream: Stream, gather_count: int | None) -> np.ndarray:
+def sphere_radii_mm(stream: Stream, pixel_lattice: RayLattice, gather_count: int | None) -> np.ndarray:
     """Radius at each march step, (S,), at which a sphere holds `gather_count` photons; between a bin and `WIDEST_MM`.
 
     Spheres are never so narrow that photons fall between those of neighboring steps or pixels.
@@ -53,21 +54,24 @@ def sphere_radii_mm(stream: Stream, gather_count: int | None) -> np.ndarray:
     if gather_count is not None:
         radius = np.cbrt(3.0 * gather_count / (4.0 * np.pi * density))
     # across the shorter side of pixels that are drawn out by a grazing view
-    pixel = 1.0 / np.linalg.norm(stream.pixel_lattice.to_lattice[0, :, :2], 2)
+    pixel = 1.0 / np.linalg.norm(pixel_lattice.to_lattice[0, :, :2], 2)
     narrowest = max(0.5 * pixel, step)  # spheres of half a step would only touch
     return np.clip(radius, narrowest, max(narrowest, widest))
 
 
-def estimate_point(stream: Stream, gather_count: int | None, bands: np.ndarray) -> BandsLight:
+def estimate_point(
+    stream: Stream, pixel_lattice: RayLattice, gather_count: int | None, bands: np.ndarray
+) -> BandsLight:
     """Point estimate of the multiply scattered light; the lattice's slabs are the march steps (`march_edges`).
 
     Parameters
     ----------
+    pixel_lattice : of one ray a pixel, along which the sample points lie.
     gather_count : photons that a sample point's sphere should hold, on average; None: the widest spheres.
     bands : (n,) those to estimate.
     """
     h, w = stream.shape
-    radius = sphere_radii_mm(stream, gather_count)
+    radius = sphere_radii_mm(stream, pixel_lattice, gather_count)
     batches = batches_of(stream.photon_map.rounds)
     radiance = np.zeros((h, w, len(bands)), np.float32)
     y_image = np.zeros((len(batches), h * w), np.float32)
@@ -80,7 +84,7 @@ def estimate_point(stream: Stream, gather_count: int | None, bands: np.ndarray) 
             totals[batch] += image.sum()
             y_image[batch] += image * y_weight
 
-        image, count = over_batches(stream.pool, batches, _gatherer(stream, band, radius), enter, (h * w,))
+        image, count = over_batches(stream.pool, batches, _gatherer(stream, pixel_lattice, band, radius), enter, (h * w,))
         seen += count
         radiance[:, :, k] = stream.power_unit * image.reshape(h, w)
     met = seen / stream.lattice.rays.slabs
@@ -102,9 +106,9 @@ def side_share(point: np.ndarray, radius: np.ndarray, size_mm: tuple[float, floa
     return share
 
 
-def _gatherer(stream: Stream, band: Band, radius: np.ndarray):
+def _gatherer(stream: Stream, lattice: RayLattice, band: Band, radius: np.ndarray):
     """The function that gathers one round of a band."""
-    lattice, rays = stream.pixel_lattice, stream.pixel_lattice.rays
+    rays = lattice.rays
     edges = rays.depth_edges_mm
     step = np.diff(edges) / (4.0 / 3.0 * np.pi * radius**3)
     finer = stream.lattice

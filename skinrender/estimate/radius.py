@@ -45,6 +45,8 @@ def lesion_absorbance(volume: SkinVolume, deepest_mm: float) -> np.ndarray:
     has been there, exp(-depth / `LIGHT_DEPTH_MM`) of it.
     """
     added = _added_mu_a(volume)
+    if not added.any():
+        return np.zeros(volume.shape[:2])
     tissue = volume.palette_layer > 0
     depth, passed = np.zeros(volume.shape[:2]), np.ones(volume.shape[:2])
     light = np.ones(volume.shape[:2])

@@ -66,9 +66,8 @@ def visible_depth_mm(volume: SkinVolume) -> float:
     z = volume.z_edges_mm
     depth, reached = np.zeros(mu_t.shape[1]), 0.0
     for k in range(len(z) - 1):
-        held = np.unique(volume.palette_index[:, :, k])
-        held = held[tissue[held]]
-        if z[k + 1] <= 0 or held.size == 0:
+        held = volume.plane_holds[k] & tissue
+        if z[k + 1] <= 0 or not held.any():
             continue
         top = max(z[k], 0.0)
         clearest = mu_t[held].min(axis=0)
@@ -124,7 +123,7 @@ def _through_regions(path, index: np.ndarray, band: int) -> tuple[np.ndarray, np
         direction, factor = refract_flat(directions[-1], path.hit, eta, band)
         directions.append(direction)
         factors.append(factors[-1] * factor)
-    return np.array(directions), np.array(factors)
+    return np.array(directions), np.array(factors) if len(factors) > 1 else factors[0][np.newaxis]
 
 
 @allocating_kernel

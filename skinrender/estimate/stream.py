@@ -10,26 +10,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skinrender.estimate.lattice import RayLattice
+from skinrender.estimate.pixel_rays import PixelRays
 from skinrender.estimate.ray_paths import VISIBLE_DEPTH
 from skinrender.estimate.transmittance import allocate, view_optical_depth
 from skinrender.estimate.view_path import relief_arrays
 from skinrender.photonmap.first_scattering import is_laterally_uniform
 from skinrender.photonmap.photon_map import PhotonMap
-from skinrender.skin.volume import SkinVolume
 
 _DEPTHS_AT_ONCE = 2**26
 """Optical depths held at once, 256 MB: the rays are followed through the voxels once for as many bands as that
-holds."""
+holds, all of these as evenly as can be."""
 _SAMPLE = 200_000
 _ANY_WIDTH_MM = 1e30
 
 
 def depths_bytes(rays: int, slabs: int, bands: int) -> int:
-    """Size in memory of the optical depths, of which the last bands' are still held while the next are made."""
+    """Size in memory of the optical depths."""
     of_band = rays * (slabs + 1)
-    at_once = min(bands, bands_at_once(of_band))
-    return 4 * of_band * min(bands, 2 * at_once)
+    return 4 * of_band * min(bands, bands_at_once(of_band))
 
 
 def bands_at_once(depths: int) -> int:
@@ -52,36 +50,34 @@ def sample_depths(photon_map: PhotonMap) -> DepthSample:
 
 
 @dataclass(frozen=True, eq=False)
-class Stream:
-    """A photon map seen by the rays of a lattice.
+class Stream(PixelRays):
+    """A photon map seen by the rays of a picture.
 
     Parameters
     ----------
-    lattice : k x k rays a pixel, to which photons are connected: one where the surface is flat. On a relief the tissue
-        is of uneven thickness within a voxel, and the light inside follows it: one ray a pixel would be 5 % off.
-    pixel_lattice : one ray a pixel; the same where the surface is flat.
     y_weight : (B,) luminance of one W mm^-2 sr^-1 in each band.
     pool : threads; the kernels release the interpreter lock.
     threads : their number.
     progress : called with the number of photons done.
     """
 
-    volume: SkinVolume
     photon_map: PhotonMap
     depth_sample: DepthSample
-    lattice: RayLattice
-    pixel_lattice: RayLattice
     y_weight: np.ndarray
     pool: ThreadPoolExecutor
     threads: int
     progress: Callable[[int], None]
 
     def bands(self, bands: np.ndarray) -> Iterator[Band]:
-        """Each of some bands with its optical depths along the rays, computed some bands at a time."""
-        at_once = bands_at_once(self.lattice.rays.path_edges.size)
-        for first in range(0, len(bands), at_once):
-            chosen = bands[first : first + at_once]
-            for band, tau in zip(chosen, self._optical_depths(chosen)):
+        """Each of some bands with its optical depths along the rays, computed some bands at a time.
+
+        The depths of a band are gone when the next is asked for: all have the same room, as the system takes as long to
+        give fresh memory as the depths take to compute.
+        """
+        parts = -(-len(bands) // bands_at_once(self.lattice.rays.path_edges.size))
+        room = allocate(self.lattice.rays, -(-len(bands) // parts))
+        for chosen in np.array_split(bands, parts):
+            for band, tau in zip(chosen, self._optical_depths(chosen, room[: len(chosen)])):
                 yield Band(self, int(band), tau)
                 self.progress(sum(self._photons(r, band) for r in range(self.photon_map.rounds)))
                 self.photon_map.forget_pages()
@@ -96,48 +92,16 @@ class Stream:
         """W of the strongest photon: images are made in this unit, so that light of any power fits into float32."""
         return float(self.photon_map.power_per_band.max()) or 1.0
 
-    @cached_property
-    def covers_patch(self) -> bool:
-        """Whether the lattice repeats seamlessly with a periodic patch."""
-        low_x, low_y, high_x, high_y = self.lattice.bounds[0]
-        size = [high_x - low_x, high_y - low_y]
-        return self.volume.sides == "periodic" and bool(np.allclose(size, self.volume.size_mm, rtol=1e-3))
-
     def _photons(self, index: int, band: int) -> int:
         part = self.photon_map.band_slice(index, int(band))
         return part.stop - part.start
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(h, w) of the picture."""
-        return self.pixel_lattice.shape
-
-    @property
-    def subpixels(self) -> int:
-        """Rays along each side of a pixel."""
-        return self.lattice.shape[0] // self.shape[0]
-
-    @cached_property
-    def pixel_of(self) -> np.ndarray:
-        """Pixel of each ray, (Q,) int32."""
-        h, w = self.shape
-        k = self.subpixels
-        return np.repeat(np.repeat(np.arange(h * w, dtype=np.int32).reshape(h, w), k, axis=0), k, axis=1).ravel()
-
-    def pixel_mean(self, values: np.ndarray) -> np.ndarray:
-        """Mean over the rays of each pixel, (..., Q) to (..., h w)."""
-        h, w = self.shape
-        k = self.subpixels
-        lead = values.shape[:-1]
-        return values.reshape(*lead, h, k, w, k).mean(axis=(-3, -1)).reshape(*lead, h * w)
-
-    def _optical_depths(self, bands: np.ndarray) -> np.ndarray:
-        """Optical depth of every ray at the slab edges, (bands, S + 1, Q) f4."""
+    def _optical_depths(self, bands: np.ndarray, depth: np.ndarray) -> np.ndarray:
+        """Optical depth of every ray at the slab edges, into depth (bands, S + 1, Q) f4, whose first row is 0."""
         volume, rays, (lx, ly) = self.volume, self.lattice.rays, self.volume.size_mm
         palette_index = volume.tissue_index
         if is_laterally_uniform(palette_index):  # one column without sides: a level ray may cross a million periods
             palette_index, lx, ly = palette_index[:1, :1], _ANY_WIDTH_MM, _ANY_WIDTH_MM
-        depth = allocate(rays, len(bands))
         mu_t = np.ascontiguousarray((volume.mu_a + volume.mu_s)[:, bands])
         bounds = np.linspace(0, len(rays.hit), 2 * self.threads + 1).astype(int)
 

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from skinrender.estimate.view_path import ViewPath, relief_arrays
+from skinrender.estimate.view_path import Meeting, relief_arrays
 from skinrender.photonmap.light import CollimatedLight, Light, PointLight, SkyLight
 from skinrender.skin.regions import regions_of
-from skinrender.transport import allocating_kernel, kernel
+from skinrender.transport import allocating_kernel, entry_kernel, kernel
 from skinrender.transport.frame import frame
 from skinrender.transport.fresnel import fresnel
 from skinrender.transport.height_field import first_hit, height_and_gradient
@@ -26,9 +26,9 @@ OIL_ROUGHNESS = 0.1
 _SKY_SAMPLES = 64
 
 
-def surface_bytes(rays: int, bands: int) -> int:
-    """Most that the reflection of so many rays holds: five arrays by ray and band, from view path to sum."""
-    return 5 * 8 * rays * bands
+def surface_bytes(rays: int, pixels: int, bands: int) -> int:
+    """Most that the reflection of so many rays holds: where they meet the surface and the lamp, and the pixels' sums."""
+    return 8 * (24 * rays + 2 * pixels * bands)
 
 
 def irradiance(light: Light, points: np.ndarray, size_mm: tuple[float, float], periodic: bool) -> np.ndarray:
@@ -65,33 +65,32 @@ def in_beam(light: CollimatedLight, points: np.ndarray) -> np.ndarray:
     return np.sum(offset**2, axis=-1) - along**2 <= light.radius_mm**2
 
 
-def surface_reflection(view: ViewPath, volume: Any, light: Light, finish: Any) -> np.ndarray:
-    """Radiance of the lamp's light reflected at the surface into the view, (Q, B) W/mm2/sr in the band.
+def surface_reflection(view: Meeting, pixel_of: np.ndarray, volume: Any, light: Light, finish: Any) -> np.ndarray:
+    """Radiance of the lamp's light reflected at the surface into the view, mean over each pixel's rays, (pixels, B)
+    W/mm2/sr in the band.
 
     A cross-polarized camera does not see it: leave the term out then.
 
     Parameters
     ----------
+    pixel_of : (Q,) of each ray; as many rays in every pixel.
     finish : the scene's finish: `roughness` (GGX alpha) and `oil` (share of the film's smoother reflection).
     """
     eta = np.ascontiguousarray(volume.n_outside / regions_of(volume).index[1])
     relief = None if volume.surface_mm is None else _relief(volume.surface_mm)
     lx, ly = map(float, volume.size_mm)
-    foot = np.mod(view.entry[:, :2], volume.size_mm) if volume.sides == "periodic" else view.entry[:, :2]
-    point = np.ascontiguousarray(np.column_stack([foot, view.entry[:, 2]]))
+    point = _in_patch(view.entry, volume)
+    pixels = int(pixel_of.max()) + 1
+    result = np.zeros((pixels, eta.size))
     lobes = [(1.0 - finish.oil, float(finish.roughness)), (finish.oil, min(OIL_ROUGHNESS, float(finish.roughness)))]
-    result = np.zeros_like(view.transmission)
+    if isinstance(light, SkyLight):
+        add, lamp = _add_sky, (_strata(_SKY_SAMPLES), light.radiance)
+    else:
+        add, lamp = _add_lamp, (*_toward_lamp(light, point), _spectrum(light))
     for share, alpha in lobes:
-        if share > 0.0 and isinstance(light, SkyLight):
-            samples = _strata(_SKY_SAMPLES)
-            lobe = _reflect_sky(view.hit, point, view.normal, view.view_direction, eta, alpha, samples, relief, lx, ly)
-            result += share * light.radiance * lobe
-        elif share > 0.0:
-            to_light, distance, strength = _toward_lamp(light, point)
-            lobe = _reflect_lamp(
-                view.hit, point, view.normal, view.view_direction, to_light, distance, eta, alpha, relief, lx, ly
-            )
-            result += share * strength * lobe
+        if share > 0.0:
+            weight = share * pixels / len(pixel_of)
+            add(result, pixel_of, weight, view.hit, point, view.normal, view.view_direction, *lamp, eta, alpha, relief, lx, ly)
     return result
 
 
@@ -106,11 +105,10 @@ def entering_light(entry: np.ndarray, hit: np.ndarray, volume: Any, light: Point
     entry (Q, 3), hit (Q,) : points of the surface, and which are.
     """
     relief, (lx, ly) = _relief(volume.surface_mm), map(float, volume.size_mm)
-    foot = np.mod(entry[:, :2], volume.size_mm) if volume.sides == "periodic" else entry[:, :2]
-    point = np.ascontiguousarray(np.column_stack([foot, entry[:, 2]]))
+    point = _in_patch(entry, volume)
     to_light, distance, strength = _toward_lamp(light, point)
     eta = float(np.median(volume.n_outside / regions_of(volume).index[1]))
-    return strength.sum(axis=1) * _entering_share(hit, point, to_light, distance, eta, relief, lx, ly)
+    return _spectrum(light).sum() * strength * _entering_share(hit, point, to_light, distance, eta, relief, lx, ly)
 
 
 @allocating_kernel
@@ -134,17 +132,27 @@ def _relief(surface_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     return heights, cells, float(heights.min()) - 1e-3
 
 
+def _in_patch(entry: np.ndarray, volume: Any) -> np.ndarray:
+    """Points (Q, 3), those of periodic copies moved into the patch."""
+    foot = np.mod(entry[:, :2], volume.size_mm) if volume.sides == "periodic" else entry[:, :2]
+    return np.ascontiguousarray(np.column_stack([foot, entry[:, 2]]))
+
+
 def _toward_lamp(light: PointLight | CollimatedLight, point: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Unit vectors to the lamp (Q, 3), distances (Q,) and irradiance across the light (Q, B)."""
+    """Unit vectors to the lamp (Q, 3), distances (Q,) and the light across them, in units of `_spectrum`, (Q,)."""
     if isinstance(light, PointLight):
         away = light.position_mm - point
         distance = np.linalg.norm(away, axis=1)
-        return away / distance[:, None], distance, light.intensity / distance[:, None] ** 2
+        return away / distance[:, None], distance, 1.0 / distance**2
     to_light = np.tile(-light.direction, (len(point), 1))
     # the foot of the light through the point on the mean plane says whether the beam holds it
     foot = point[:, :2] - point[:, 2:] * (light.direction[:2] / light.direction[2])
-    strength = in_beam(light, foot)[:, None] * light.irradiance
-    return to_light, np.full(len(point), np.inf), strength
+    return to_light, np.full(len(point), np.inf), in_beam(light, foot).astype(float)
+
+
+def _spectrum(light: PointLight | CollimatedLight) -> np.ndarray:
+    """Irradiance (B,) of a beam, or of a point lamp 1 mm away."""
+    return light.intensity if isinstance(light, PointLight) else light.irradiance
 
 
 def _strata(count: int) -> np.ndarray:
@@ -184,10 +192,11 @@ def microfacet(cos_v, cos_l, cos_h, alpha):
     return facets * seen / (4.0 * cos_v)
 
 
-@allocating_kernel
-def _reflect_lamp(hit, point, normal, view, to_light, distance, eta, alpha, relief, lx, ly):
-    """Reflected radiance per unit irradiance across the lamp's light, (Q, B)."""
-    result = np.zeros((hit.size, eta.size))
+@entry_kernel
+def _add_lamp(
+    result, pixel_of, weight, hit, point, normal, view, to_light, distance, strength, spectrum, eta, alpha, relief, lx, ly
+):
+    """Adds `weight` times the reflected radiance of the rays (Q,) to that of their pixels, (pixels, B)."""
     for q in range(hit.size):
         vx, vy, vz = -view[q, 0], -view[q, 1], -view[q, 2]
         dx, dy, dz = to_light[q]
@@ -200,14 +209,13 @@ def _reflect_lamp(hit, point, normal, view, to_light, distance, eta, alpha, reli
         # 1 + v.l, not v + l itself, keeps the facet's cosine when the light comes almost against the view
         double = math.sqrt(max(1e-30, 2.0 + 2.0 * (vx * dx + vy * dy + vz * dz)))
         value = microfacet(cos_v, cos_l, min(1.0, (cos_v + cos_l) / double), alpha)
-        _add_fresnel(result[q], value, min(1.0, 0.5 * double), eta)
-    return result
+        _add_fresnel(result[pixel_of[q]], weight * strength[q] * value, spectrum, min(1.0, 0.5 * double), eta)
 
 
-@allocating_kernel
-def _reflect_sky(hit, point, normal, view, eta, alpha, samples, relief, lx, ly):
-    """Reflected radiance per unit radiance of the sky, (Q, B): quadrature over the visible facets."""
-    result = np.zeros((hit.size, eta.size))
+@entry_kernel
+def _add_sky(result, pixel_of, weight, hit, point, normal, view, samples, spectrum, eta, alpha, relief, lx, ly):
+    """Adds `weight` times the reflected radiance of the rays (Q,) to that of their pixels, (pixels, B): quadrature over
+    the visible facets; spectrum : (B,) radiance of the sky."""
     for q in range(hit.size):
         vx, vy, vz = -view[q, 0], -view[q, 1], -view[q, 2]
         nx, ny, nz = normal[q]
@@ -228,8 +236,7 @@ def _reflect_sky(hit, point, normal, view, eta, alpha, samples, relief, lx, ly):
             if _is_shadowed(relief, lx, ly, point[q], dx, dy, dz, np.inf):
                 continue
             seen = (1.0 + own) / (1.0 + own + _smith_lambda(cos_l, alpha))
-            _add_fresnel(result[q], seen / samples.shape[0], min(1.0, cos_f), eta)
-    return result
+            _add_fresnel(result[pixel_of[q]], weight * seen / samples.shape[0], spectrum, min(1.0, cos_f), eta)
 
 
 @kernel
@@ -254,10 +261,10 @@ def _visible_facet(vx, vy, vz, alpha, u, v):
 
 
 @kernel
-def _add_fresnel(row, value, cos_facet, eta):
-    """Add value * F per band; equal indices are not computed again."""
+def _add_fresnel(row, value, spectrum, cos_facet, eta):
+    """Add value * spectrum * F per band; equal indices are not computed again."""
     before, reflectance = -1.0, 0.0
     for b in range(eta.size):
         if eta[b] != before:
             before, reflectance = eta[b], fresnel(cos_facet, eta[b])[0]
-        row[b] += value * reflectance
+        row[b] += value * spectrum[b] * reflectance

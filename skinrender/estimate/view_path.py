@@ -24,8 +24,8 @@ LEVEL = 1e-6
 
 
 @dataclass(frozen=True)
-class ViewPath:
-    """View rays refracted into the skin, flattened over the ray lattice (Q = h w).
+class Meeting:
+    """Where view rays meet the skin's surface, flattened over the ray lattice (Q = h w).
 
     Attributes
     ----------
@@ -33,16 +33,26 @@ class ViewPath:
     entry : (Q, 3), mm, on the surface; not wrapped into the patch when the sides are periodic.
     normal : (Q, 3), unit, out of the skin (z < 0).
     view_direction : (Q, 3), unit, the ray's direction outside, towards the skin.
-    direction : (Q, 3), unit, the refracted ray's, into the skin.
-    cos_inside : (Q,) cosine of `direction` to the inward normal.
-    transmission : (Q, B) factor from radiance under the surface to radiance outside,
-        (1 - F) (n_outside / n_tissue)^2.
     """
 
     hit: np.ndarray
     entry: np.ndarray
     normal: np.ndarray
     view_direction: np.ndarray
+
+
+@dataclass(frozen=True)
+class ViewPath(Meeting):
+    """View rays refracted into the skin.
+
+    Attributes
+    ----------
+    direction : (Q, 3), unit, the refracted ray's, into the skin.
+    cos_inside : (Q,) cosine of `direction` to the inward normal.
+    transmission : (Q, B) factor from radiance under the surface to radiance outside,
+        (1 - F) (n_outside / n_tissue)^2.
+    """
+
     direction: np.ndarray
     cos_inside: np.ndarray
     transmission: np.ndarray
@@ -62,7 +72,15 @@ def dispersion_mm(volume: Any, zenith_deg: float, depth_mm: float) -> float:
 
 
 def make_view_path(origin: np.ndarray, direction: np.ndarray, volume: Any) -> ViewPath:
-    """Follow view rays to the surface of a skin volume and refract them there.
+    """Follow view rays to the surface of a skin volume and refract them there; parameters as of `meet_surface`."""
+    met = meet_surface(origin, direction, volume)
+    eta = np.ascontiguousarray(volume.n_outside / regions_of(volume).index[1])
+    inside = _refract_rays(met.view_direction, met.normal, met.hit, eta, geometry_band(volume.wavelength_nm))
+    return ViewPath(met.hit, met.entry, met.normal, met.view_direction, *inside)
+
+
+def meet_surface(origin: np.ndarray, direction: np.ndarray, volume: Any) -> Meeting:
+    """Follow view rays to the surface of a skin volume.
 
     Parameters
     ----------
@@ -80,12 +98,9 @@ def make_view_path(origin: np.ndarray, direction: np.ndarray, volume: Any) -> Vi
         entry, normal, hit = _meet_relief(origin, direction, heights, cells, *within, lx, ly)
     if volume.sides != "periodic":
         hit &= (entry[:, 0] >= 0.0) & (entry[:, 0] <= lx) & (entry[:, 1] >= 0.0) & (entry[:, 1] <= ly)
-    eta = np.ascontiguousarray(volume.n_outside / regions_of(volume).index[1])
-    band = geometry_band(volume.wavelength_nm)
     for values in (entry, normal):
         values[~hit] = 0.0
-    inside, cos_inside, transmission = _refract_rays(direction, normal, hit, eta, band)
-    return ViewPath(hit, entry, normal, np.where(hit[:, None], direction, 0.0), inside, cos_inside, transmission)
+    return Meeting(hit, entry, normal, np.where(hit[:, None], direction, 0.0))
 
 
 def relief_arrays(surface_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

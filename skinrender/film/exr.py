@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import os
 import re
 import zlib
 from collections.abc import Mapping
@@ -65,6 +66,7 @@ def write_exr(path: str | Path, image: SpectralImage, *, reflectance: bool = Fal
     }
     channels = {name: np.ascontiguousarray(pixels, dtype=np.float32) for name, pixels in _channels(image, reflectance)}
     header[_CHECKSUM] = _checksum(header, channels)
+    OpenEXR.set_global_thread_count(os.cpu_count() or 1)  # compressing 81 bands of 200 x 200 takes 0.3 s by one
     with whole_file(path) as temporary:
         try:
             with OpenEXR.File(header, channels) as file:

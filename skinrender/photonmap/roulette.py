@@ -51,7 +51,7 @@ def keep_all(volume: SkinVolume) -> DepthTable:
 def keep_visible(volume: SkinVolume) -> DepthTable:
     """Keep in proportion to the transmittance of the clearest vertical way up, all within `FULL_DEPTH`; all there is if it goes no deeper."""
     mu_t = volume.mu_a + volume.mu_s
-    clearest = np.array([mu_t[np.unique(plane)].min(axis=0) for plane in np.moveaxis(volume.palette_index, 2, 0)])
+    clearest = np.array([mu_t[held].min(axis=0) for held in volume.plane_holds])
     z = volume.z_edges_mm
     depth = np.concatenate([np.zeros((1, mu_t.shape[1])), np.cumsum(clearest * np.diff(z)[:, None], axis=0)])
     bins = int(np.clip(np.ceil((z[-1] - z[0]) / BIN_MM), 1, MAX_BINS))

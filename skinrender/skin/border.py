@@ -20,7 +20,7 @@ import numpy as np
 from skinrender.errors import SceneError
 from skinrender.skin.anatomy import EPIDERMIS, LayerSpec, border_depths
 from skinrender.skin.relief import shaped_noise
-from skinrender.skin.spline import control_points, evaluate_grid
+from skinrender.skin.spline import center_weights, control_points, evaluate_grid, weighted_sum
 
 WAVE_PEAK_TO_VALLEY_UM = {"forearm": 40.0, "cheek": 25.0}
 WAVE_PERIOD_UM = 110.0
@@ -81,16 +81,32 @@ def offset_mm(surface_mm: np.ndarray, size_mm: tuple[float, float], distance_mm:
     ----------
     surface_mm (hx, hy) : control points of h.
     """
-    x, y = _cell_centers(surface_mm.shape, size_mm)
-    deepest = evaluate_grid(surface_mm, size_mm, x, y) + distance_mm
-    steepest = _steepest(surface_mm, size_mm)
-    rings = int(np.ceil(steepest / _RING))
-    for tilt in steepest * np.arange(1, rings + 1) / max(1, rings):
-        away, down = distance_mm * np.sin(tilt), distance_mm * np.cos(tilt)
-        for angle in 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS:
-            beside = evaluate_grid(surface_mm, size_mm, x + away * np.cos(angle), y + away * np.sin(angle))
-            np.maximum(deepest, beside + down, out=deepest)
+    cells = [count / length for count, length in zip(surface_mm.shape, size_mm)]
+    reach = 2 + int(distance_mm * max(cells))
+    periodic = np.pad(surface_mm.astype(float), reach, mode="wrap")
+    along_x, work_x = np.empty((2, len(surface_mm), periodic.shape[1]))
+    beside, work = np.empty((2, *surface_mm.shape))
+    deepest = np.full(surface_mm.shape, -np.inf)
+    for x, several_y, down in _ball(distance_mm, _steepest(surface_mm, size_mm)):
+        first, weights = center_weights(x * cells[0])
+        weighted_sum([periodic[reach + first + k :][: len(along_x)] for k in range(3)], weights, along_x, work_x)
+        for y in several_y:
+            first, weights = center_weights(y * cells[1])
+            weighted_sum([along_x[:, reach + first + k :][:, : beside.shape[1]] for k in range(3)], weights, beside, work)
+            np.maximum(deepest, np.add(beside, down, out=beside), out=deepest)
     return deepest
+
+
+def _ball(radius_mm: float, steepest: float) -> list[tuple[float, list[float], float]]:
+    """Points of a ball's lower side, as x with all y that go with it, and how far they lie below its center, mm."""
+    rings = int(np.ceil(steepest / _RING))
+    ball = [(0.0, [0.0], radius_mm)]
+    for tilt in steepest * np.arange(1, rings + 1) / max(1, rings):
+        away, down = radius_mm * np.sin(tilt), radius_mm * np.cos(tilt)
+        for angle in 2 * np.pi * np.arange(_DIRECTIONS // 2 + 1) / _DIRECTIONS:
+            y = away * np.sin(angle)
+            ball.append((away * np.cos(angle), [y, -y] if 0 < angle < np.pi else [0.0], down))
+    return ball
 
 
 def _cell_centers(samples: tuple[int, int], size_mm: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:

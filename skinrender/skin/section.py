@@ -13,6 +13,9 @@ from skinrender.skin.volume import SkinVolume
 ZOOM_MM = 0.3
 USUAL_BYTES = 50_000
 """Size of the file, whatever the volume."""
+_PLACES = (0.07, 0.59, 0.915, 0.375), (0.07, 0.145, 0.915, 0.375), (0.07, 0.02, 0.915, 0.07)
+"""Left, bottom, width and height of the cut, its upper part and the legend, as shares of the figure; letting matplotlib
+find them takes a third of the drawing."""
 _COLORS = {
     "air": "#ffffff",
     "stratum_corneum": "#e9d3a8",
@@ -43,9 +46,9 @@ def draw_section(volume: SkinVolume, path: str | os.PathLike) -> None:
 
     row = darkest_row(volume)
     color = _entry_colors(volume)[volume.palette_index[:, row, :]].swapaxes(0, 1)
-    figure = Figure(figsize=(10, 8), dpi=110, layout="constrained")
+    figure = Figure(figsize=(10, 8), dpi=110)
     FigureCanvasAgg(figure)
-    whole, zoom, legend = figure.subplots(3, 1, height_ratios=(3, 3, 0.6))
+    whole, zoom, legend = (figure.add_axes(place) for place in _PLACES)
     bottom = float(volume.z_edges_mm[-1])
     _draw_cut(whole, volume, color, bottom)
     _draw_cut(zoom, volume, color, min(ZOOM_MM, bottom))

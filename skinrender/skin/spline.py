@@ -6,6 +6,8 @@ samples, bound the surface: it never leaves the range of the nine points around 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 
@@ -37,3 +39,19 @@ def _along_first(control: np.ndarray, length_mm: float, at_mm: np.ndarray) -> np
         + (0.75 - t**2) * control[nearest % count]
         + 0.5 * (0.5 + t) ** 2 * control[(nearest + 1) % count]
     )
+
+
+def center_weights(shift: float) -> tuple[int, tuple[float, float, float]]:
+    """First of the three control points that tell the height `shift` cells beside a cell's center, counted from the
+    cell's own, and their weights."""
+    nearest = int(np.floor(shift + 0.5))
+    t = shift - nearest
+    return nearest - 1, (0.5 * (0.5 - t) ** 2, 0.75 - t**2, 0.5 * (0.5 + t) ** 2)
+
+
+def weighted_sum(parts: Sequence[np.ndarray], weights: Sequence[float], out: np.ndarray, work: np.ndarray) -> np.ndarray:
+    """Sum of weighted arrays into `out`; work: of its shape. Makes no array, whose memory would cost more than the sum."""
+    np.multiply(parts[0], weights[0], out=out)
+    for part, weight in zip(parts[1:], weights[1:]):
+        np.add(out, np.multiply(part, weight, out=work), out=out)
+    return out

@@ -88,6 +88,15 @@ class SkinVolume:
         return np.array([low, (*self.size_mm, self.z_edges_mm[-1])])
 
     @cached_property
+    def plane_holds(self) -> np.ndarray:
+        """Whether any voxel of a plane is of a palette entry, (nz, P) bool."""
+        holds = np.zeros((self.shape[2], len(self.palette_layer)), bool)
+        planes = np.arange(self.shape[2])
+        for columns in self.palette_index:  # as they lie in memory
+            holds[planes, columns] = True
+        return holds
+
+    @cached_property
     def tissue_index(self) -> np.ndarray:
         """Palette volume whose air voxels hold the first tissue below them, as light in the skin meets it.
 

@@ -8,6 +8,7 @@ import pytest
 from command_line import SMALL, call, summary_of
 
 from skinrender import read_exr
+from skinrender.engine.lock import folder_lock
 
 
 @pytest.fixture(autouse=True)
@@ -35,6 +36,23 @@ def test_picture_in_a_time(smoke_scene, tmp_path):
     longer = summary_of(call("render", smoke_scene, *SMALL, "-o", tmp_path / "out", "--json", "--time", str(spent + 2.0)))
     assert longer["rounds"] > 20
     assert longer["stages_run"] == ["trace", "estimate"]
+
+
+def test_section_is_that_of_the_volume(smoke_scene, tmp_path):
+    """Drawn once, and again when the volume is another."""
+    drawn = []
+    for option in ((), (), ("--set", "skin.layers.basal.thickness_um=20")):
+        summary_of(call("render", smoke_scene, *SMALL, "-o", tmp_path, "--json", "--target-error", "1", *option))
+        drawn.append((tmp_path / "section.png").stat().st_mtime_ns)
+    assert drawn[0] == drawn[1] < drawn[2]
+
+
+def test_folder_of_another_run_is_left_alone(smoke_scene, tmp_path):
+    with folder_lock(tmp_path):
+        result = call("render", smoke_scene, *SMALL, "-o", tmp_path, "--target-error", "0.5")
+        assert result.exit_code == 2
+        assert "another run" in result.output
+        assert [path.name for path in tmp_path.iterdir()] == [".skinrender.lock"]
 
 
 @pytest.mark.parametrize("option", [("--photons", "1e4"), ("--resume",), ("--scheduler", "tcp://localhost:1")])

@@ -38,7 +38,7 @@ def sun(zenith=0.0, azimuth=0.0, radius=None):
 
 
 def reflected(volume, light, zenith=0.0, azimuth=0.0, at=(5.0, 5.0), finish=SKIN):
-    return surface_reflection(view(volume, zenith, azimuth, at), volume, light, finish)[0]
+    return surface_reflection(view(volume, zenith, azimuth, at), np.zeros(1, np.int32), volume, light, finish)[0]
 
 
 @pytest.mark.parametrize("alpha", [0.1, 0.35, 1.0])

@@ -45,6 +45,23 @@ def test_epidermis_keeps_its_thickness_along_the_normal():
         assert vertical.max() > 1.2 * distance and vertical[15] == pytest.approx(distance)
 
 
+def test_offset_is_the_largest_of_the_surface_moved_over_a_ball():
+    """Against the spline evaluated at the moved places, on unlike sides and further than the patch is wide."""
+    surface = np.random.default_rng(5).standard_normal((12, 9)).astype(np.float32) * 0.05
+    size = (1.0, 0.6)
+    x, y = ((np.arange(count) + 0.5) * (length / count) for count, length in zip(surface.shape, size))
+    for distance in (0.02, 0.9):
+        steepest = border._steepest(surface, size)
+        rings = int(np.ceil(steepest / border._RING))
+        expected = spline.evaluate_grid(surface, size, x, y) + distance
+        for tilt in steepest * np.arange(1, rings + 1) / rings:
+            for angle in 2 * np.pi * np.arange(12) / 12:
+                dx, dy = distance * np.sin(tilt) * np.cos(angle), distance * np.sin(tilt) * np.sin(angle)
+                beside = spline.evaluate_grid(surface, size, x + dx, y + dy)
+                expected = np.maximum(expected, beside + distance * np.cos(tilt))
+        assert border.offset_mm(surface, size, distance) == pytest.approx(expected, abs=1e-12)
+
+
 def test_thickening_leaves_level_skin_and_the_bottom_of_the_fold():
     fold = border.fold(LAYERS, 0.1)
     assert not border.thickening_mm(np.full((6, 5), 0.3, np.float32), SIZE, fold).round(7).any()

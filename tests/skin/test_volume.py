@@ -27,6 +27,11 @@ def file(volume, tmp_path):
     return tmp_path / "volume.npz"
 
 
+def test_what_each_plane_holds(volume):
+    for k, held in enumerate(volume.plane_holds):
+        assert set(np.flatnonzero(held)) == set(volume.palette_index[:, :, k].ravel())
+
+
 def test_round_trip(volume, file):
     loaded = load_volume(file)
     for field in dataclasses.fields(volume):
