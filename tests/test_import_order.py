@@ -91,8 +91,9 @@ def test_imports_run_one_way(source):
 
 @pytest.mark.parametrize("source", [source for source in sources() if source.startswith("transport/")])
 def test_transport_knows_numpy_and_numba_only(source):
+    """And llvmlite, by which numba compiles."""
     foreign = {name[:2] if name[0] == "skinrender" else name[:1] for name in imports(source)}
-    known = {("numpy",), ("numba",), ("skinrender", "transport")}
+    known = {("numpy",), ("numba",), ("llvmlite",), ("skinrender", "transport")}
     assert {name for name in foreign - known if name[0] not in sys.stdlib_module_names} == set()
 
 
