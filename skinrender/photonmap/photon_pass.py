@@ -115,10 +115,6 @@ class PhotonPass:
         return np.asarray(self.volume.z_edges_mm - self.volume.z_edges_mm[0], dtype=np.float64)
 
     @cached_property
-    def _holds(self) -> np.ndarray:
-        return make_grid(self.volume.tissue_index, self._z_edges, np.float32)[1]
-
-    @cached_property
     def _regions(self):
         return regions_of(self.volume)
 
@@ -154,14 +150,13 @@ class PhotonPass:
     def _plane_mu_t(self, band: int) -> np.ndarray:
         """Largest extinction of each plane, 1/mm."""
         mu_t = self.volume.mu_a[:, band] + self.volume.mu_s[:, band]
-        return np.where(self._holds, mu_t[: self._holds.shape[1]], 0.0).max(axis=1)
+        return np.where(self.volume.plane_holds_tissue, mu_t, 0.0).max(axis=1)
 
     def _make_medium(self, real: type) -> Medium:
         v = self.volume
-        grid, _ = make_grid(v.tissue_index, self._z_edges, real)
         layer = np.maximum(v.palette_layer.astype(np.int32) - 1, 0)
         return make_medium(
-            grid, list(map(self._majorant, range(self.bands))), v.mu_a, v.mu_s, v.g, layer, len(self.layer_names), self._borders,
+            make_grid(v.tissue_index, self._z_edges, real), list(map(self._majorant, range(self.bands))), v.mu_a, v.mu_s, v.g, layer, len(self.layer_names), self._borders,
             self._z_edges, v.shape[:2], v.z_edges_mm[0], real,
         )  # fmt: skip
 

@@ -90,11 +90,20 @@ class SkinVolume:
     @cached_property
     def plane_holds(self) -> np.ndarray:
         """Whether any voxel of a plane is of a palette entry, (nz, P) bool."""
-        holds = np.zeros((self.shape[2], len(self.palette_layer)), bool)
-        planes = np.arange(self.shape[2])
-        for columns in self.palette_index:  # as they lie in memory
-            holds[planes, columns] = True
-        return holds
+        return self._held_by_planes(self.palette_index)
+
+    @cached_property
+    def plane_holds_tissue(self) -> np.ndarray:
+        """The same of `tissue_index`."""
+        return self.plane_holds if not self.has_relief else self._held_by_planes(self.tissue_index)
+
+    def _held_by_planes(self, index: np.ndarray) -> np.ndarray:
+        planes, entries = self.shape[2], len(self.palette_layer)
+        first = np.arange(planes) * entries
+        held = np.zeros(planes * entries, bool)
+        for columns in index:  # as they lie in memory
+            held |= np.bincount((columns + first).ravel(), minlength=held.size) > 0
+        return held.reshape(planes, entries)
 
     @cached_property
     def tissue_index(self) -> np.ndarray:

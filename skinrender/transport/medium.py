@@ -44,8 +44,8 @@ class Medium(NamedTuple):
     z_top: float
 
 
-def make_grid(palette_index: np.ndarray, z_edges_mm: np.ndarray, real: type) -> tuple[Grid, np.ndarray]:
-    """The voxels as bricks, and which palette entries each plane holds, (planes, P) bool.
+def make_grid(palette_index: np.ndarray, z_edges_mm: np.ndarray, real: type) -> Grid:
+    """The voxels as bricks.
 
     palette_index (nx, ny, nz) uint16, z_edges_mm (nz + 1,) from the top of the volume; `real`: type of the block.
     """
@@ -62,19 +62,14 @@ def make_grid(palette_index: np.ndarray, z_edges_mm: np.ndarray, real: type) -> 
     palette[varied] = cells[~uniform]
     brick = (2 * offset + uniform).astype(np.uint32)
 
-    entries = int(palette_index.max()) + 1
-    holds = np.zeros((nz, entries), dtype=bool)
-    for k in range(nz):
-        holds[k, np.unique(palette_index[:, :, k])] = True
     cell_top = np.arange(_COARSE_CELLS) * (z_edges_mm[-1] / _COARSE_CELLS)
     # one cell above and one below: a rounded product may fall into the next cell
     coarse = np.searchsorted(z_edges_mm, np.concatenate([[0.0], cell_top[:-1]]), side="right") - 1
     last = np.searchsorted(z_edges_mm, np.append(cell_top[2:], [np.inf] * 2), side="right") - 1
     edges = np.append(z_edges_mm[:-1], np.inf).astype(real)
-    grid = Grid(
+    return Grid(
         edges, np.clip(coarse, 0, nz - 1).astype(np.int32), int((last - coarse).max()), brick, palette, bricks_y, nz
     )
-    return grid, holds
 
 
 def choose_slabs(plane_mu_t: np.ndarray, z_edges_mm: np.ndarray, fluence_depth_mm: float = 0.5) -> np.ndarray:

@@ -30,6 +30,8 @@ def file(volume, tmp_path):
 def test_what_each_plane_holds(volume):
     for k, held in enumerate(volume.plane_holds):
         assert set(np.flatnonzero(held)) == set(volume.palette_index[:, :, k].ravel())
+    for k, held in enumerate(volume.plane_holds_tissue):
+        assert set(np.flatnonzero(held)) == set(volume.tissue_index[:, :, k].ravel())
 
 
 def test_round_trip(volume, file):

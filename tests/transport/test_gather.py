@@ -36,7 +36,7 @@ def numbered_rows():
 
 def gathered(index, edges, ix, iy, z, real=np.float32):
     """Buffers after a gather at columns (n,) and depths (n,), n lanes at most."""
-    grid, rows = make_grid(index, edges, real)[0], numbered_rows()
+    grid, rows = make_grid(index, edges, real), numbered_rows()
     f, w = new_block(real)
     n = len(z)
     row(f, lanes.Z, n)[:] = z
@@ -81,12 +81,6 @@ def test_plane_of_any_depth(real):
 
 def test_uniform_bricks_are_stored_once():
     index, edges = volume(64, 64)
-    grid = make_grid(index, edges, np.float32)[0]
+    grid = make_grid(index, edges, np.float32)
     assert grid.palette.size == 16 * 16 + 8 * 16 * BRICK * BRICK
     assert np.count_nonzero(grid.brick & 1 == 0) == 8 * 16
-
-
-def test_what_each_plane_holds():
-    index, edges = volume(20, 20)
-    holds = make_grid(index, edges, np.float32)[1]
-    assert all(set(np.flatnonzero(holds[k])) == set(np.unique(index[:, :, k])) for k in range(PLANES))

@@ -139,7 +139,7 @@ def test_first_collision_follows_the_transmittance_of_what_is_really_there(uz):
     mu_a = np.concatenate([[0.0], mu_t[:, 0], mu_t[:, 1]])
     majorant, plane_slab = make_majorant(mu_t.max(axis=1), edges)
     assert 1 < len(majorant) <= SLABS
-    grid = make_grid(palette_index, edges, np.float32)[0]
+    grid = make_grid(palette_index, edges, np.float32)
     zeros = np.zeros(mu_a.size)
     rows = make_rows(collision_thresholds(mu_a, zeros, majorant[:, 2]), zeros, zeros)
     plane_row = plane_slab * np.int32(mu_a.size)
