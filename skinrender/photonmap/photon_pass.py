@@ -19,6 +19,7 @@ from skinrender.transport import tally
 from skinrender.transport.borders import DIELECTRIC, OPEN, PERIODIC, Borders
 from skinrender.transport.emission import collimated_parameters, point_parameters, sky_parameters
 from skinrender.transport.lanes import BAND, new_block
+from skinrender.transport.launch import Histories
 from skinrender.transport.medium import (
     Medium,
     block_type,
@@ -30,7 +31,7 @@ from skinrender.transport.medium import (
 )
 from skinrender.transport.relief import SAMPLE_BYTES
 from skinrender.transport.rng import stream_key
-from skinrender.transport.walk import IDLE, IN_FLIGHT, STORED, Histories, walk
+from skinrender.transport.walk import IDLE, IN_FLIGHT, STORED, walk
 
 SIDES = {"periodic": PERIODIC, "open": OPEN, "dielectric": DIELECTRIC}
 WALK_STAGE = 0

@@ -36,7 +36,7 @@ class DepthTable:
 
     @cached_property
     def thresholds(self) -> tuple[float, np.ndarray] | None:
-        """What `walk.roll` reads: bins per mm, and the largest words that keep."""
+        """What `storing.roll` reads: bins per mm, and the largest words that keep."""
         if self.keep_probability is None:
             return None
         largest = self.keep_probability.astype(np.float64) * _WORD - (0.5 * _WORD + 1.0)

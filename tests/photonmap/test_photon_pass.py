@@ -6,6 +6,7 @@ import hashlib
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -178,3 +179,25 @@ def test_a_walk_without_end_is_given_up(monkeypatch):
     volume = slab_volume([Layer(100.0, 0.0, 1000.0, 0.0, 1.0)])
     with pytest.raises(RunError, match="hardly ever end.*\n.*absorption"):
         PhotonPass(volume, beam(), 1).walk(0, np.array([5_000]), False)
+
+
+def test_stiff_bands_are_walked_apart_and_stored_in_their_place():
+    """Bands of 5, 3000 and 8 per mm: the middle one in double precision, as by itself; exits in the order of bands."""
+    stacks = [slab_volume([Layer(5.0, 0.5, mu_s, 0.0)], planes=[20], below=1.0) for mu_s in (5.0, 3000.0, 8.0)]
+    joined = {
+        name: np.concatenate([getattr(stack, name) for stack in stacks], axis=-1)
+        for name in ("mu_a", "mu_s", "g", "refractive_index", "n_outside", "n_below")
+    }
+    volume = replace(stacks[0], **joined, wavelength_nm=np.array([450.0, 550.0, 650.0]))
+    light = replace(beam(20.0), irradiance=np.ones(3))
+    photon_pass, histories, exits = PhotonPass(volume, light, 3), np.array([300, 40, 200]), []
+    assert photon_pass._in_double.tolist() == [False, True, False]
+    one = photon_pass.walk(1, histories, True, exits)
+    starts = np.concatenate([[0], np.cumsum(one.stored_per_band)])
+    for band in range(3):
+        left = []
+        alone = photon_pass.walk(1, np.where(np.arange(3) == band, histories, 0), True, left)
+        part = slice(starts[band], starts[band + 1])
+        assert one.stored_per_band[band] > 0 and np.array_equal(one.tallies[band], alone.tallies[band])
+        assert photons(one.position[part], one.direction[part]) == photons(alone.position, alone.direction)
+        assert np.array_equal(np.sort(exits[band], axis=0), np.sort(left[0], axis=0))

@@ -12,7 +12,7 @@ from skinrender.photonmap.roulette import FULL_DEPTH, LEAST, keep_all, keep_visi
 from skinrender.transport import lanes
 from skinrender.transport.lanes import LANES, new_block
 from skinrender.transport.rng import next_word
-from skinrender.transport.walk import roll, thin_out
+from skinrender.transport.storing import roll, thin_out
 from tests.stats import assert_same_means
 from tests.transport.block import row
 from tests.volumes import Layer, beam, fractions, furrow, slab_volume, walk_rounds
