@@ -112,12 +112,13 @@ def table(timings: list[Timing]) -> str:
     """Rows by case and band, and the mean of the bands."""
     lines = [
         f"{'scene':26} {'nm':>5} {'storing':>7} {'x floor':>7} {'ns/event':>8} {'floor':>6} {'events':>7} {'null':>6} "
-        f"{'M stored/s':>10}"
+        f"{'M events/s':>10} {'M stored/s':>10}"
     ]
     for t in timings:
         lines.append(
             f"{t.case:26} {t.band:>5} {'yes' if t.storing else 'no':>7} {t.ratio:7.2f} {t.ns_per_event:8.1f} "
-            f"{t.floor_ns:6.1f} {t.events_per_history:7.1f} {t.nulls_per_event:6.3f} {t.stored_per_second / 1e6:10.1f}"
+            f"{t.floor_ns:6.1f} {t.events_per_history:7.1f} {t.nulls_per_event:6.3f} "
+            f"{1e3 / t.ns_per_event:10.1f} {t.stored_per_second / 1e6:10.1f}"
         )
     for case in dict.fromkeys(t.case for t in timings if t.case in CASES):
         for storing in (False, True):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from skinrender.sources import sources_hash
 
-WALK_SOURCES = ("transport", "photonmap", "skin/regions.py", "engine/rounds.py")
+WALK_SOURCES = ("transport", "photonmap", "skin/regions.py", "skin/volume.py", "engine/rounds.py")
 ESTIMATE_SOURCES = (
     "engine/estimate.py", "engine/view.py", "estimate", "film", "optics", "photonmap", "skin", "transport"
 )  # fmt: skip

@@ -38,7 +38,7 @@ ROUND_STORED = 200_000
 FIRST_ROUNDS = 20
 """Batches of the first part; its error tells how many rounds are needed."""
 PART_STORED = 1 << 24
-"""Photons held at once, 270 MB: looking up the rays' optical depths again for each part costs a tenth of its walk."""
+"""Photons held at once, 285 MB, and for a moment twice: looking up the rays' optical depths again for each part costs a tenth of its walk."""
 ERROR_MARGIN = 1.05
 """More rounds than the error so far asks for, as it is known to some percent itself."""
 
@@ -147,8 +147,10 @@ def render_until(
             walk_seconds = time.monotonic() - began
             with clock.stage("estimate"):
                 prepared()
-                part = view.scattered(map_from_rounds(walker.photon_pass, walked), progress)
+                photon_map = map_from_rounds(walker.photon_pass, walked)
                 del walked
+                part = view.scattered(photon_map, progress)
+                del photon_map
                 scattered = part if scattered is None else pooled(scattered, part)
                 image = view.image(scattered, {"photon_map": {**run.header.provenance, "rounds": len(ledger.rounds)}})
             summary = summarize(view, image, scattered, clock)

@@ -50,7 +50,7 @@ class HeldRecipe:
     def build(self, seed: int) -> Any:
         from skinrender.photonmap.photon_pass import PhotonPass
 
-        return PhotonPass(self.volume, self.light, seed, roulette=self.roulette)
+        return PhotonPass(self.volume, self.light, seed, roulette=self.roulette).prepare()
 
     def describe(self, photon_pass: Any) -> dict[str, Any]:
         return _described(photon_pass)
@@ -92,7 +92,7 @@ class VolumeRecipe:
         from skinrender.photonmap.photon_pass import PhotonPass
         from skinrender.skin.volume import load_volume
 
-        return PhotonPass(load_volume(self.volume_path), self.light, seed, roulette=self.roulette)
+        return PhotonPass(load_volume(self.volume_path), self.light, seed, roulette=self.roulette).prepare()
 
     def describe(self, photon_pass: Any) -> dict[str, Any]:
         return _described(photon_pass)

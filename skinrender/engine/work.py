@@ -91,4 +91,6 @@ def photon_pass(recipe: Recipe, seed: int) -> Any:
     with _one_builds:
         if _built is None or _built[0] != recipe.provenance:
             _built = (recipe.provenance, recipe.build(seed))
-        return _built[1].seeded(seed)
+        elif _built[1].seed != seed:
+            _built = (recipe.provenance, _built[1].seeded(seed))
+        return _built[1]

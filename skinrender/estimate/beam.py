@@ -139,7 +139,8 @@ class _Noise:
 def _weighted_bands(stream: Stream, bands: np.ndarray) -> Iterator[tuple[Band, np.ndarray, np.ndarray]]:
     """Each band with its `ray_weights`; they are made while the band before is summed, which leaves threads idle.
 
-    The weights of a band are gone when the next but one is asked for: fresh memory for each costs the system as much.
+    The weights of a band are gone when the next but one is asked for: fresh memory for each costs the system as much. Its
+    `tau` is that of another band already.
     """
     rays = stream.lattice.rays
     rooms = np.empty((2, rays.slabs, len(rays.hit), 2), np.float32)

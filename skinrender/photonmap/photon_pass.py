@@ -8,9 +8,10 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from skinrender.errors import RunError
+from skinrender.errors import InputError, RunError
 from skinrender.photonmap.first_scattering import has_single_term
 from skinrender.photonmap.light import CollimatedLight, Light, PointLight
+from skinrender.photonmap.photon_map import MAX_BANDS
 from skinrender.photonmap.roulette import DepthTable, keep_all, keep_visible
 from skinrender.photonmap.stored import StoredPhotons
 from skinrender.skin.regions import regions_of
@@ -18,7 +19,7 @@ from skinrender.skin.volume import SkinVolume
 from skinrender.transport import tally
 from skinrender.transport.borders import DIELECTRIC, OPEN, PERIODIC, Borders
 from skinrender.transport.emission import collimated_parameters, point_parameters, sky_parameters
-from skinrender.transport.lanes import BAND, new_block
+from skinrender.transport.lanes import BAND, SLABS, new_block
 from skinrender.transport.launch import Histories
 from skinrender.transport.medium import (
     Medium,
@@ -69,14 +70,15 @@ def round_memory_bytes(stored: float) -> float:
 
 
 def pass_bytes(volume: SkinVolume) -> int:
-    """Most memory that a `PhotonPass` takes beside its volume: the voxels without air and as bricks, the borders'
-    cells."""
+    """Most memory that a `PhotonPass` takes beside its volume: the voxels without air and as bricks, what collisions read,
+    the borders' cells."""
     fields = [field for field in regions_of(volume).heights_mm if field is not None]
-    return 3 * volume.palette_index.nbytes + 2 * SAMPLE_BYTES * sum(field.size for field in fields)
+    rows = 16 * SLABS * volume.mu_a.size
+    return 4 * volume.palette_index.nbytes + rows + 2 * SAMPLE_BYTES * sum(field.size for field in fields)
 
 
 class PhotonPass:
-    """Walks rounds of a volume under a light; prepares each band once.
+    """Walks rounds of a volume under a light; prepares the bands once.
 
     Parameters
     ----------
@@ -89,6 +91,8 @@ class PhotonPass:
     def __init__(
         self, volume: SkinVolume, light: Light, seed: int, *, roulette: bool = False, real: type | None = None
     ):
+        if len(volume.wavelength_nm) > MAX_BANDS:
+            raise InputError(f"{len(volume.wavelength_nm)} bands; a photon map holds {MAX_BANDS}")
         self.real = real
         self.volume = volume
         self.light = light
@@ -101,11 +105,18 @@ class PhotonPass:
         self._expected = 0  # photons of the round before: the next one's arrays begin as large
 
     def seeded(self, seed: int) -> PhotonPass:
-        """The same pass with another seed; they share what is prepared for each band."""
+        """The same pass with another seed; they share what is prepared."""
         other = copy.copy(self)
         other.seed = seed
         other.__dict__.pop("_keys", None)
         return other
+
+    def prepare(self) -> PhotonPass:
+        """This pass with all that its walks share made, before threads would each make it."""
+        for real, bands in self._number_types():
+            if bands.any():
+                self._medium(real)
+        return self
 
     @property
     def bands(self) -> int:
@@ -187,14 +198,14 @@ class PhotonPass:
         index : of the round; its histories are those from ``index * histories[band]`` on.
         histories : (B,) of each band.
         store : keep the scattering events, not only their counts.
-        exits : receives, per band, an (n, 6) float32 array x, y, ux, uy, uz, scattered of the photons that left
-            upwards.
+        exits : receives, for each band with histories, an (n, 6) float32 array x, y, ux, uy, uz, scattered of the photons
+            that left upwards.
         """
         histories = np.array(histories, dtype=np.int64)
         tallies = np.zeros((self.bands, tally.columns(len(self.layer_names))), dtype=np.int64)
         photons = StoredPhotons(self._expected) if store else None
         left = None if exits is None else np.zeros((histories.sum(), 6), np.float32)
-        for real, bands in ((np.float32, ~self._in_double), (np.float64, self._in_double)):
+        for real, bands in self._number_types():
             if histories[bands].any():
                 self._walk(real, self._source(index, histories, bands), photons, tallies, left)
         if exits is not None:
@@ -212,6 +223,10 @@ class PhotonPass:
     def _keys(self) -> np.ndarray:
         """(B,) of the generators of each band's histories."""
         return np.array([stream_key(self.seed, band, WALK_STAGE) for band in range(self.bands)])
+
+    def _number_types(self) -> tuple[tuple[type, np.ndarray], ...]:
+        """Types of the block, each with the bands (B,) bool that are walked in it."""
+        return (np.float32, ~self._in_double), (np.float64, self._in_double)
 
     def _source(self, index: int, histories: np.ndarray, bands: np.ndarray) -> Histories:
         """The histories of a round in the bands (B,) bool."""

@@ -101,8 +101,9 @@ class SkinVolume:
         planes, entries = self.shape[2], len(self.palette_layer)
         first = np.arange(planes) * entries
         held = np.zeros(planes * entries, bool)
-        for columns in index:  # as they lie in memory
-            held |= np.bincount((columns + first).ravel(), minlength=held.size) > 0
+        some = max(1, entries // self.shape[1])  # as many voxels as counts
+        for start in range(0, self.shape[0], some):
+            held |= np.bincount((index[start : start + some] + first).ravel(), minlength=held.size) > 0
         return held.reshape(planes, entries)
 
     @cached_property

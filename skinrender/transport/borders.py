@@ -198,7 +198,7 @@ def place(f, w, i, borders, majorant, relief, region, x, y, z, ux, uy, uz, rough
 
 @inlined_kernel
 def cross(f, w, i, borders, majorant, relief):
-    """Second pass, for the few lanes that may have met a border: where, and what becomes of the photon there.
+    """For one of the few lanes that may have met a border: where, and what becomes of the photon there.
 
     Returns INSIDE, LEFT_TOP, LEFT_BOTTOM or LEFT_SIDE. A lane that met none keeps its flight (BORDER = 0).
     """

@@ -2,7 +2,7 @@
 
 The only pass with table look-ups: a gather beside arithmetic would stop the other passes from vectorizing. The volume
 is read through bricks of 16 x 16 columns of one voxel plane: a uniform brick is one palette entry, so that a walk
-touches some kilobytes, not the whole volume (the largest single cost of all: 1.9 to 2.9 times the floor against 1.5).
+reads a quarter of the volume or less.
 """
 
 from __future__ import annotations

@@ -24,8 +24,6 @@ LIFT_MM = 1e-12
 START_TOLERANCE_MM = 1e-5
 """A start at most this far on the wrong side is put on the surface (positions may have been float32)."""
 
-_NEIGHBORS = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
-
 
 def cell_bounds(heights: np.ndarray) -> np.ndarray:
     """Bounds of the surface over each cell: the extremes of its 3 x 3 control points (convex hull property).
@@ -57,7 +55,8 @@ def bulge_bound(heights: np.ndarray, lx: float, ly: float) -> np.ndarray:
     diagonal = np.roll(heights, (-1, -1), (0, 1)) - np.roll(heights, -1, 0) - np.roll(heights, -1, 1) + heights
     hxy = [np.roll(diagonal, shift, (0, 1)) / (dx * dy) for shift in ((0, 0), (1, 0), (0, 1), (1, 1))]
     straight = np.maximum(-hxx, -hyy)
-    straight = np.maximum.reduce([np.roll(straight, shift, (0, 1)) for shift in _NEIGHBORS])
+    for axis in (0, 1):
+        straight = np.maximum.reduce([np.roll(straight, shift, axis) for shift in (-1, 0, 1)])
     return np.maximum(straight + np.maximum.reduce(np.abs(hxy)), 0.0).astype(heights.dtype)
 
 

@@ -1,15 +1,15 @@
 """The block of photons in flight: one float and one int32 buffer, structure of arrays at constant offsets.
 
-A block is walked in passes over all its lanes (`move`, `cross`, `gather`, `turn`, `emit`). One buffer a type at
+A block is walked in passes over all its lanes (see `walk`). One buffer a type at
 constant offsets, not one array a quantity: with many array arguments LLVM can't rule out that they overlap and gives up
-vectorizing. The float buffer is float32, or float64 for stiff stacks (`Medium.real`).
+vectorizing. The float buffer is float32, or float64 for stiff stacks (`medium.block_type`).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-LANES = 256  # the two buffers of 256 fit the first-level cache: 512 lanes are 8 % slower, 384 5 %
+LANES = 256  # from 128 to 1024 none was better, see docs/walk.md
 
 # float rows
 X, Y, Z = 0 * LANES, 1 * LANES, 2 * LANES  # position (mm), z from the top of the volume downwards
@@ -29,7 +29,7 @@ BRICKS, IN_BRICK = 4 * LANES, 5 * LANES  # first brick of the voxel's column, an
 PLANE = 6 * LANES  # coarse depth cell, then voxel plane
 BORDER = 7 * LANES  # 1: the flight may have met a border; after `cross`, 1: it ended on one
 SCATTER_BELOW, ABSORB_ABOVE = 8 * LANES, 9 * LANES  # thresholds of the collision's word
-EVENT = 10 * LANES  # column of the tally that counts what happened
+EVENT = 10 * LANES  # place in the tally, columns by bands, that counts what happened
 ARRIVED = 11 * LANES  # packed direction of flight before the collision
 FRESH = 12 * LANES  # bit 0: path is one straight refracted passage so far; bit 1: never scattered
 REGION = 13 * LANES  # which layer between two borders with an index step
@@ -41,7 +41,7 @@ ENDED = 18 * LANES  # 1: the history has ended
 VOXEL = 19 * LANES  # place of the voxel in `gather.Grid.palette`
 BAND = 20 * LANES  # wavelength band
 ROLLED = 21 * LANES  # the word by which roulette on storage decides
-DEPTH_BIN = 22 * LANES  # in its table
+DEPTH_BIN = 22 * LANES  # place in its table, bins by bands
 INT_ROWS = 23
 
 STRAIGHT, UNSCATTERED = 1, 2

@@ -1,6 +1,6 @@
 """From described tissue to the flat arrays that the walk reads: the crossing between the two worlds.
 
-Nothing here is a kernel; it runs once per scene (`make_grid`, `make_borders`) and once per band (`make_medium`).
+Nothing here is a kernel; it runs once per scene and type of the block.
 """
 
 from __future__ import annotations
@@ -51,15 +51,14 @@ def make_grid(palette_index: np.ndarray, z_edges_mm: np.ndarray, real: type) -> 
     """
     nx, ny, nz = palette_index.shape
     bricks_x, bricks_y = -(-nx // BRICK), -(-ny // BRICK)
-    padded = np.pad(palette_index, ((0, bricks_x * BRICK - nx), (0, bricks_y * BRICK - ny), (0, 0)), mode="edge")
-    cells = padded.reshape(bricks_x, BRICK, bricks_y, BRICK, nz).transpose(0, 2, 4, 1, 3).reshape(-1, BRICK * BRICK)
+    padding = (0, bricks_x * BRICK - nx), (0, bricks_y * BRICK - ny), (0, 0)
+    cells = np.pad(palette_index, padding, mode="edge").reshape(bricks_x, BRICK, bricks_y, BRICK, nz).transpose(0, 2, 4, 1, 3).reshape(-1, BRICK * BRICK)
     uniform = (cells == cells[:, :1]).all(axis=1)
     size = np.where(uniform, 1, BRICK * BRICK)
     offset = np.concatenate([[0], np.cumsum(size)[:-1]])
     palette = np.empty(size.sum(), dtype=np.uint16)
     palette[offset[uniform]] = cells[uniform, 0]
-    varied = offset[~uniform][:, None] + np.arange(BRICK * BRICK)
-    palette[varied] = cells[~uniform]
+    palette[np.repeat(~uniform, size)] = cells[~uniform].ravel()
     brick = (2 * offset + uniform).astype(np.uint32)
 
     cell_top = np.arange(_COARSE_CELLS) * (z_edges_mm[-1] / _COARSE_CELLS)

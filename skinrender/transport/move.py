@@ -1,4 +1,4 @@
-"""First pass: free flight of every lane (the paper's equation (2), across voxels of different extinction).
+"""Free flight of every lane (the paper's equation (2), across voxels of different extinction).
 
 The majorant extinction depends on depth alone and is constant in at most `lanes.SLABS` slabs. With the majorant optical
 depth m(z) as vertical coordinate a flight of optical length tau is one line, m' = m + u_z tau, exact across any number

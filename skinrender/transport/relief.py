@@ -16,15 +16,15 @@ ROUGH = 1  # column of `borders.Borders.table`: row of the border in the height 
 TILE = 4  # cells
 NEAR = 2  # cells around that of a flight's middle that it may cross; longer flights are held against the whole field
 DEEPEST, BULGE = 0, 1  # columns of `Relief.around`
-SAMPLE_BYTES = 4 + 8 + 8  # that a `Relief` holds of a sample of a height field
+SAMPLE_BYTES = 20  # that a `Relief` holds of a sample of a height field, with what is needed to make it
 _NEAR, _HALF = np.float32(0.99 * NEAR / TILE), np.float32(0.5)  # less than NEAR: the middle is rounded
 
 
 class Relief(NamedTuple):
-    """Height fields (n, hx, hy) float64, mm from the top of the volume, and what is known around their cells.
+    """Height fields (n, hx, hy) float32, mm from the top of the volume, and what is known around their cells.
 
-    bounds (n, hx, hy, 2): lowest and highest z of each cell. around (n, hx hy + 1, 2) float32: within NEAR cells of each
-    cell, and last everywhere, the largest z and the largest second derivative (1/mm) with which the surface bends down;
+    bounds (n, hx, hy, 2): lowest and highest z of each cell. around (n, tiles + 1, 2) float32: within NEAR cells of those of
+    each tile, and last everywhere, the largest z and the largest second derivative (1/mm) with which the surface bends down;
     most flights near the surface are thereby known to miss it without being followed.
     """
 

@@ -48,7 +48,10 @@ def thin_out(w, n, keep):
 
 @kernel
 def store(f, w, shown, photons, stored, z_top):
-    """Writes the lanes listed as photons number `stored` and on; returns the number of the next."""
+    """Writes the lanes listed as photons number `stored` and on; returns the number of the next.
+
+    Past the caches, but for the bands, which are read again to put the photons in order.
+    """
     position, direction, band = photons
     at = np.uint64(stored)
     for k in range(shown):

@@ -1,4 +1,4 @@
-"""Third pass: what happens at the collision, and the new direction (the paper's steps 2 and 4).
+"""What happens at the collision, and the new direction (the paper's steps 2 and 4).
 
 The collision's 32-bit word decides between scattering, absorption and a null collision by integer thresholds made in
 float64: a float32 albedo would be off by up to 6 % of the absorption at 1 - 1e-6. Henyey-Greenstein in the form
