@@ -153,7 +153,8 @@ def estimate_bytes(scene: Any, volume: SkinVolume, method: str, rounds: int, thr
     reflection = 0
     if why_no_reflection(scene, volume) is None:
         reflection = surface_bytes(surface_subpixels(scene, volume) ** 2 * pixels, pixels, bands)
-    made = 3 * 8 * pixels * bands  # scattered once, reflected and falling light; a growing picture has them first
+    # scattered once, reflected and falling light, and what flat skin lets through; a growing picture has them first
+    made = (3 if volume.has_relief else 4) * 8 * pixels * bands
     alone = max(reflection, 8 * pixels * bands)
     filled = volume.palette_index.nbytes if volume.has_relief else 0  # the voxels again, without air
     if method == "reference":
