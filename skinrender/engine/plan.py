@@ -187,10 +187,10 @@ def _build_memory(volume: SkinVolume, sizes: Mapping[str, int]) -> int:
 
 
 def _trace_memory(volume: SkinVolume, sizes: Mapping[str, int], workers: int, rounds: RoundPlan) -> int:
-    """Of all processes: each has the volume mapped; there are a pass for the pilot and one for each worker."""
+    """Of all processes: each has the volume mapped and a pass, as the one that walks the pilot is no worker's."""
     processes = workers if workers == 1 else workers + 1
-    walking = pass_bytes(volume) + round(round_memory_bytes(rounds.stored_per_round))
-    return processes * (PROGRAM_BYTES["trace"] + sizes["volume"]) + pass_bytes(volume) + workers * walking
+    each = PROGRAM_BYTES["trace"] + sizes["volume"] + pass_bytes(volume)
+    return processes * each + workers * round(round_memory_bytes(rounds.stored_per_round))
 
 
 def _picture_bytes(scene: Any, volume: SkinVolume) -> int:
