@@ -142,9 +142,7 @@ def walk(f, w, source, light, medium, relief, keep, photons, tallies, exits, sta
     """
     cursor = state[:2]
     tally = tallies[0]
-    passes = 0
-    n = state[IN_FLIGHT]
-    stored = state[STORED]
+    n, stored, passes = state[IN_FLIGHT], state[STORED], 0
     room = np.int64(0x7FFFFFFFFFFFFFFF)
     if photons is not None:
         room = photons[2].size - LANES
@@ -186,5 +184,4 @@ def walk(f, w, source, light, medium, relief, keep, photons, tallies, exits, sta
         state[IDLE] = 0 if holes or cursor[1] != index or cursor[0] != band else state[IDLE] + whole
         if holes:
             n = close_holes(f, w, n)
-    state[IN_FLIGHT] = n
-    state[STORED] = stored
+    state[IN_FLIGHT], state[STORED] = n, stored
