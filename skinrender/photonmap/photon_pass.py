@@ -167,9 +167,10 @@ class PhotonPass:
     def _make_medium(self, real: type) -> Medium:
         v = self.volume
         layer = np.maximum(v.palette_layer.astype(np.int32) - 1, 0)
+        grid, majorants = make_grid(v.tissue_index, self._z_edges, real), list(map(self._majorant, range(self.bands)))
         return make_medium(
-            make_grid(v.tissue_index, self._z_edges, real), list(map(self._majorant, range(self.bands))), v.mu_a, v.mu_s, v.g, layer, len(self.layer_names), self._borders,
-            self._z_edges, v.shape[:2], v.z_edges_mm[0], real,
+            grid, majorants, v.mu_a, v.mu_s, v.g, layer, len(self.layer_names), self._borders, self._z_edges, v.shape[:2],
+            v.z_edges_mm[0], real,
         )  # fmt: skip
 
     @cached_property
