@@ -33,20 +33,20 @@ def _along_first(control: np.ndarray, length_mm: float, at_mm: np.ndarray) -> np
     count = control.shape[0]
     position = np.asarray(at_mm, float) * (count / length_mm) - 0.5
     nearest = np.floor(position + 0.5).astype(int)
-    t = (position - nearest)[:, None]
-    return (
-        0.5 * (0.5 - t) ** 2 * control[(nearest - 1) % count]
-        + (0.75 - t**2) * control[nearest % count]
-        + 0.5 * (0.5 + t) ** 2 * control[(nearest + 1) % count]
-    )
+    before, own, after = _weights((position - nearest)[:, None])
+    return before * control[(nearest - 1) % count] + own * control[nearest % count] + after * control[(nearest + 1) % count]
+
+
+def _weights(t):
+    """Of three neighboring control points, t cells (-0.5 to 0.5) from the middle one."""
+    return 0.5 * (0.5 - t) ** 2, 0.75 - t**2, 0.5 * (0.5 + t) ** 2
 
 
 def center_weights(shift: float) -> tuple[int, tuple[float, float, float]]:
     """First of the three control points that tell the height `shift` cells beside a cell's center, counted from the
     cell's own, and their weights."""
     nearest = int(np.floor(shift + 0.5))
-    t = shift - nearest
-    return nearest - 1, (0.5 * (0.5 - t) ** 2, 0.75 - t**2, 0.5 * (0.5 + t) ** 2)
+    return nearest - 1, _weights(shift - nearest)
 
 
 def weighted_sum(parts: Sequence[np.ndarray], weights: Sequence[float], out: np.ndarray, work: np.ndarray) -> np.ndarray:
