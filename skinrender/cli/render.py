@@ -94,6 +94,7 @@ def _render(
     """Run the stages that are needed; the summaries of all three in one."""
     from skinrender.cli.current import current_map, current_summary, estimate_provenance, matching_map
     from skinrender.cli.stages import run_build, run_estimate, run_trace, volume_summary
+    from skinrender.engine.ahead import kernels_ahead
     from skinrender.engine.trace import summary_of_map
 
     done, volume = _volume(job, run_build)
@@ -102,7 +103,9 @@ def _render(
         photon_map = current_map(job)
     if photon_map is None:
         done.append("trace")
-        summary |= run_trace(job, workers, resume, scheduler=scheduler)
+        with kernels_ahead(job.scene, job.volume) as compiled:
+            summary |= run_trace(job, workers, resume, scheduler=scheduler)
+            compiled()
         with job.clock.stage("load"):
             photon_map = matching_map(job, just_made=True)
     else:

@@ -143,6 +143,7 @@ def run_until(
 
     `seconds` are counted from the beginning of the job.
     """
+    from skinrender.engine.ahead import kernels_ahead
     from skinrender.engine.lock import folder_lock
     from skinrender.engine.progressive import Goal, render_until
     from skinrender.engine.recipe import scene_recipe
@@ -158,9 +159,9 @@ def run_until(
         )
 
     goal = Goal(target_error, None if seconds is None else job.began + seconds)
-    with folder_lock(job.out), section_beside(job, volume):
+    with folder_lock(job.out), section_beside(job, volume), kernels_ahead(job.scene, job.volume) as compiled:
         traced = render_until(
-            goal, job.scene, volume, scene_recipe(job.scene, job.volume), show, threads=threads,
+            goal, job.scene, volume, scene_recipe(job.scene, job.volume), show, threads=threads, compiled=compiled,
             progress=job.console.progress, clock=job.clock,
         )  # fmt: skip
     return traced.as_json() | told

@@ -109,6 +109,7 @@ def render_until(
     show: Callable[[SpectralImage, EstimateSummary], None],
     *,
     threads: int | None = None,
+    compiled: Callable[[], object] = lambda: None,
     progress: bool = True,
     clock: StageClock | None = None,
 ) -> TraceSummary:
@@ -120,6 +121,7 @@ def render_until(
     recipe : of the photon pass in this volume.
     show : receives the picture so far, and what is told of it, after each part.
     threads : that walk and estimate; all cores by default.
+    compiled : waits for kernels that others compile, see `ahead.kernels_ahead`.
     clock : receives the seconds of the stages ``load``, ``trace``, ``estimate`` (and those that `show` adds).
 
     Raises
@@ -131,7 +133,7 @@ def render_until(
         _refuse_gather_count(scene)
     clock, threads = clock or StageClock(), threads or os.cpu_count() or 1
     view = open_view(scene, volume, FIRST_ROUNDS, threads=threads)
-    prepared = beside(view.prepare)
+    prepared = beside(lambda: (compiled(), view.prepare()))
     with clock.stage("load"):
         run, plan = plan_run(recipe, scene.photons.seed, FIRST_ROUNDS * 2 * ROUND_STORED, scene.photons.wavelengths)
         walker = _Walker(run, threads, progress)

@@ -1,7 +1,8 @@
-"""Kernels that only kernels call: compiled without the wrappers by which Python and C would call them.
+"""Kernels that only kernels call: compiled into what their callers take in, never into machine code of their own.
 
-An inlined kernel stands in each wrapper whole. Leaving them out saves a fifth to a
-quarter of the time that compiling takes.
+Numba gives every function wrappers for Python and C, optimizes it, and makes machine code of it with a copy of
+all that it calls; the caller then takes in the whole once more. For a kernel that nothing else calls all but the last
+is for nothing.
 """
 
 from __future__ import annotations
@@ -10,7 +11,11 @@ from collections.abc import Callable
 from functools import cached_property
 
 import numba
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import register_pass
 from numba.core.registry import CPUDispatcher
+from numba.core.typed_passes import NativeLowering
 
 
 class _InnerKernel(CPUDispatcher):
@@ -19,13 +24,54 @@ class _InnerKernel(CPUDispatcher):
     def __call__(self, *args):
         return self._through(*args)
 
+    def add_overload(self, cres) -> None:
+        """Known to callers among kernels alone."""
+        self.overloads[tuple(cres.signature.args)] = cres
+
     @cached_property
     def _through(self) -> Callable:
         return numba.njit(lambda *args: self(*args))
 
 
-def inner(jit: Callable) -> Callable:
-    """A decorator like `jit`, one of numba's with ``no_cpython_wrapper=True``, whose kernels Python can call all the same."""
+class _Ingredient(JITCodeLibrary):
+    """Code to be linked into a caller's, and optimized there."""
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _InnerLowering(NativeLowering):
+    """Lower into an `_Ingredient`; callers know it by an object of its own instead of by an entry point."""
+
+    _name = "skinrender_inner_lowering"
+
+    def run_pass(self, state) -> bool:
+        state.flags.no_compile = True
+        state.library = _Ingredient(state.targetctx.codegen(), state.func_id.func_qualname)
+        super().run_pass(state)
+        known_by = object()
+        state.targetctx.insert_user_function(known_by, state.cr.fndesc, [state.library])
+        state.reload_init.extend(state.library._reload_init)
+        state.cr = state.cr._replace(cfunc=known_by)
+        return True
+
+
+class _InnerCompiler(CompilerBase):
+    def define_pipelines(self):
+        passes = DefaultPassBuilder.define_nopython_pipeline(self.state, "skinrender_inner")
+        passes.passes = [(_InnerLowering if each is NativeLowering else each, why) for each, why in passes.passes]
+        passes.finalize()
+        return [passes]
+
+
+def inner(**options) -> Callable:
+    """A decorator like numba's ``njit(**options)``, whose kernels Python can call all the same."""
+    jit = numba.njit(pipeline_class=_InnerCompiler, **options)
 
     def decorate(function: Callable) -> Callable:
         compiled = jit(function)

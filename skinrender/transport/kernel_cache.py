@@ -59,6 +59,11 @@ def cached(jit: Callable) -> Callable:
     return decorate
 
 
+def is_on_disk(kernel: Callable) -> bool:
+    """Whether anything that was compiled of a `cached` kernel is kept; with the JIT off nothing is missed."""
+    return not hasattr(kernel, "_cache") or os.path.exists(kernel._cache._cache_file._index_path)
+
+
 def name_cache_folder() -> None:
     """Let numba keep kernels in a folder of this program, unless the environment names one."""
     if "NUMBA_CACHE_DIR" not in os.environ:

@@ -42,7 +42,7 @@ def test_page_shows_pictures_seconds_files_and_origin(tmp_path, scene):
     assert told.count("<td class=text>render</td>") == 1 and "61.50" in told
     assert "<td class=text>beam.exr</td>" in told and "volume.npz" not in told
     assert "skinrender render a&amp;b.yaml" in told and "a &lt;b&gt;macule" in told
-    assert "&quot;melanin_scale&quot;: 0.25" in told and str(scene.source_dir) in told
+    assert "&quot;melanin_scale&quot;: 0.5" in told and str(scene.source_dir) in told
     assert not re.search(r"<script|https?://|src=\"(?!data:)", told)
 
 
