@@ -75,9 +75,9 @@ def hold_in_disc(s, x, y, reach, weight, to_lattice, start, rays, points, h, w, 
         return count, 0
     for i in range(max(0, int(math.floor(row - half_rows))), min(h, int(math.floor(row + half_rows)) + 1)):
         for k in range(start[s, i * w + low], start[s, i * w + high]):
-            q = rays[s, k]
-            dx, dy = points[s, q, 0] - x, points[s, q, 1] - y
+            dx, dy = points[s, k, 0] - x, points[s, k, 1] - y
             if dx * dx + dy * dy < reach * reach:
+                q = rays[s, k]
                 if held[q] == 0.0:
                     touched[count] = q
                     count += 1
@@ -126,9 +126,9 @@ def gather_points(
     radius, step (S,): of the spheres of each step, and march step / sphere volume; share: `depth_share` at equidistant
     depths from 0 to the last edge; region (S,); fine: of `connect_to_own`, the rays that photons are connected to: (nearest
     ray of each bin, to_lattice, h, w, direction, tau, pixel of each); relative: what these are worth relative to their
-    pixel, or None where each is its pixel's only ray; points (S, Q, 2); tau (S + 1, Q) of the pixels; outside (S, Q): power
-    of a photon x factor from radiance inside to radiance outside / descent, mean over the pixel's rays. Else as
-    `deposit.deposit`; image (Q,).
+    pixel, or None where each is its pixel's only ray; points (S, Q, 2) in the order of `rays`; tau (S + 1, Q) of the
+    pixels; outside (S, Q): power of a photon x factor from radiance inside to radiance outside / descent, mean over the
+    pixel's rays. Else as `deposit.deposit`; image (Q,).
     """
     contributions = 0
     widest = radius.max()

@@ -48,6 +48,11 @@ class RayLattice:
         return float(np.sqrt(self.bin_area[0]))
 
     @cached_property
+    def point_in_bins(self) -> np.ndarray:
+        """Where the rays of `ray_of` pass, (S, Q, 2) f4: neighbors in the picture are neighbors in memory."""
+        return np.take_along_axis(self.rays.point.astype(np.float32), self.ray_of[:, :, None], axis=1)
+
+    @cached_property
     def nearest_ray(self) -> np.ndarray:
         """A ray of each bin, (S, h w) int32; where it has none, of the nearest bin that has."""
         from scipy.ndimage import distance_transform_edt

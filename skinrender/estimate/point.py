@@ -29,7 +29,7 @@ _SHARE_DEPTHS, _SHARE_OF_STEP = 2000, 20
 def point_bytes(pixels: int, rays: int, slabs: int, bands: int, rounds: int, threads: int) -> int:
     """What `estimate_point` holds beside its stream: images of batches and threads, factors of rays, the picture."""
     images = min(rounds, MOST_BATCHES) + 6 * threads + 4  # those of threads are float64
-    return 4 * pixels * (images + 5 * slabs + bands) + 24 * rays * slabs
+    return 4 * pixels * (images + 7 * slabs + bands) + 24 * rays * slabs
 
 
 def march_edges(deepest_mm: float, side_mm: float = MARCH_MM) -> np.ndarray:
@@ -127,8 +127,8 @@ def _gatherer(stream: Stream, lattice: RayLattice, band: Band, radius: np.ndarra
     def add(index: int, batch: int, image: np.ndarray) -> int:
         return gather_points(
             *band.photons(index), edges, radius, step, share, rays.region, fine, relative, lattice.to_lattice,
-            lattice.bounds, lattice.bin_start, lattice.ray_of, rays.point, band.pixel_depth, *lattice.shape, palette,
-            stream.volume.z_edges_mm, g, outside, image,
+            lattice.bounds, lattice.bin_start, lattice.ray_of, lattice.point_in_bins, band.pixel_depth, *lattice.shape,
+            palette, stream.volume.z_edges_mm, g, outside, image,
         )  # fmt: skip
 
     return add
