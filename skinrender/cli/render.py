@@ -105,9 +105,9 @@ def _render(
         done.append("trace")
         with kernels_ahead(job.scene, job.volume) as compiled:
             summary |= run_trace(job, workers, resume, scheduler=scheduler)
-            compiled()
-        with job.clock.stage("load"):
-            photon_map = matching_map(job, just_made=True)
+            with job.clock.stage("load"):
+                compiled()
+                photon_map = matching_map(job, just_made=True)
     else:
         summary |= summary_of_map(photon_map).as_json()
     picture = current_summary(job, estimate_provenance(job, photon_map.provenance, reflectance))

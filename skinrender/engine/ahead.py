@@ -24,47 +24,59 @@ from skinrender.estimate.gather_points import gather_points
 from skinrender.photonmap.from_rounds import map_from_rounds
 from skinrender.photonmap.light import light_from_scene
 from skinrender.photonmap.photon_pass import PhotonPass
-from skinrender.skin.volume import load_volume
-from skinrender.transport.kernel_cache import is_on_disk
+from skinrender.skin.volume import SkinVolume, load_volume
+from skinrender.transport.kernel_cache import can_keep, is_on_disk, kept_in
 
-_LAST_KERNEL = {"beam": deposit, "point": gather_points}
+_MISSING_FIRST = {"beam": deposit, "point": gather_points}
+"""A kernel of each method without which a machine has not made such a picture yet."""
 
 
 @contextmanager
 def kernels_ahead(scene: Any, volume_path: Path) -> Iterator[Callable[[], object]]:
-    """Compile what the picture of a scene needs while the block runs, if it was never compiled; gives what waits for it.
+    """Compile what the picture of a scene needs while the block runs, if none was made here before; gives what waits for it.
 
     A process that fails costs nothing but its time: who needs a kernel compiles it then.
     """
-    last = _LAST_KERNEL.get(scene.estimate.method)
-    if last is None or is_on_disk(last) or (os.cpu_count() or 1) < 2:
+    kernel = _MISSING_FIRST.get(scene.estimate.method)
+    missing = kernel is not None and not is_on_disk(kernel) and can_keep()
+    process = _start(pickle.dumps((scene, volume_path))) if missing and (os.cpu_count() or 1) > 1 else None
+    if process is None:
         yield lambda: None
         return
-    process = subprocess.Popen(
-        [sys.executable, "-m", __name__], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        start_new_session=True,  # not a terminal's Ctrl-C but the end of this run ends it
-    )  # fmt: skip
     try:
-        with suppress(BrokenPipeError):
-            process.stdin.write(pickle.dumps((scene, volume_path)))
-            process.stdin.flush()
         yield process.wait
     finally:
         process.kill()
         process.communicate()
 
 
+def _start(task: bytes) -> subprocess.Popen | None:
+    """The process that compiles; None where there can't be one. It looks for modules where this one does, and nowhere else."""
+    try:
+        process = subprocess.Popen(
+            [sys.executable or "", "-P", "-m", __name__], env=os.environ | kept_in() | {"PYTHONPATH": os.pathsep.join(sys.path)},
+            stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            start_new_session=True,  # not a terminal's Ctrl-C but the end of this run ends it
+        )  # fmt: skip
+    except OSError:
+        return None
+    with suppress(BrokenPipeError):
+        process.stdin.write(task)
+        process.stdin.flush()
+    return process
+
+
 def _compile() -> None:
     scene, volume_path = pickle.load(sys.stdin.buffer)
     threading.Thread(target=_leave_with_parent, daemon=True).start()
     view = View(_with_few_pixels(scene), load_volume(volume_path), scene.estimate.method, scene.estimate.gather_count)
-    view.scattered(_map_without_photons(scene, view.volume), progress=False)
     view.prepare()
+    view.scattered(_map_without_photons(scene, view.volume), progress=False)
 
 
 def _leave_with_parent() -> None:
     """End this process when the one that started it ends, however that ends: it holds the other end of the pipe."""
-    sys.stdin.buffer.read()
+    os.read(sys.stdin.fileno(), 1)  # not through the buffer, whose lock Python waits for when it ends
     os._exit(1)
 
 
@@ -72,7 +84,7 @@ def _with_few_pixels(scene: Any) -> Any:
     return scene.model_copy(update={"camera": scene.camera.model_copy(update={"pixels": (2, 2)})})
 
 
-def _map_without_photons(scene: Any, volume: Any) -> Any:
+def _map_without_photons(scene: Any, volume: SkinVolume) -> Any:
     walk = PhotonPass(volume, light_from_scene(scene), scene.photons.seed, roulette=scene.photons.roulette)
     return map_from_rounds(walk, [walk.walk(0, np.zeros(walk.bands), store=False)])
 

@@ -28,7 +28,7 @@ _SHARE_DEPTHS, _SHARE_OF_STEP = 2000, 20
 
 def point_bytes(pixels: int, rays: int, slabs: int, bands: int, rounds: int, threads: int) -> int:
     """What `estimate_point` holds beside its stream: images of batches and threads, factors of rays, the picture."""
-    images = min(rounds, MOST_BATCHES) + 6 * threads + 4  # those of threads are float64
+    images = min(rounds, MOST_BATCHES) + 9 * threads + 4  # those of threads are float64
     return 4 * pixels * (images + 7 * slabs + bands) + 24 * rays * slabs
 
 
@@ -122,13 +122,14 @@ def _gatherer(stream: Stream, lattice: RayLattice, band: Band, radius: np.ndarra
         edges, radius, np.linspace(0.0, edges[-1], max(_SHARE_DEPTHS, _SHARE_OF_STEP * len(radius)) + 1)
     )
     fine = (finer.nearest_ray, finer.to_lattice, *finer.shape, finer.rays.direction, band.tau, stream.pixel_of)
+    points, tau = lattice.point_in_bins, band.pixel_depth
     palette, g = band.anisotropy
 
     def add(index: int, batch: int, image: np.ndarray) -> int:
         return gather_points(
             *band.photons(index), edges, radius, step, share, rays.region, fine, relative, lattice.to_lattice,
-            lattice.bounds, lattice.bin_start, lattice.ray_of, lattice.point_in_bins, band.pixel_depth, *lattice.shape,
-            palette, stream.volume.z_edges_mm, g, outside, image,
+            lattice.bounds, lattice.bin_start, lattice.ray_of, points, tau, *lattice.shape, palette,
+            stream.volume.z_edges_mm, g, outside, image,
         )  # fmt: skip
 
     return add

@@ -19,12 +19,9 @@ def map_from_rounds(
     stored = np.array([one.stored_per_band for one in rounds])
     emitted = np.sum([one.emitted for one in rounds], axis=0)
     aimed = np.asarray(photon_pass.power_per_band_aimed)
-    position, direction = (np.concatenate([getattr(one, name) for one in rounds]) for name in ("position", "direction"))
-    for photons in (position, direction):
-        photons.flags.writeable = False  # as a file's are, so that one compiled kernel takes both
     return PhotonMap(
-        position=position,
-        direction=direction,
+        position=np.concatenate([one.position for one in rounds]),
+        direction=np.concatenate([one.direction for one in rounds]),
         band=np.repeat(np.tile(bands, len(rounds)), stored.ravel()),
         wavelength_nm=photon_pass.volume.wavelength_nm,
         power_per_band=np.divide(aimed, emitted, out=np.zeros(len(bands)), where=emitted > 0),

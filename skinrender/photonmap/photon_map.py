@@ -61,6 +61,10 @@ class PhotonMap:
     depth_edges_mm: np.ndarray | None = None
     format_version: int = FORMAT_VERSION
 
+    def __post_init__(self) -> None:
+        for photons in (self.position, self.direction):
+            photons.flags.writeable = False  # in memory as from a file, so that one compiled kernel takes both
+
     def __len__(self) -> int:
         return len(self.band)
 

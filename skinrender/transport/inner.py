@@ -2,7 +2,7 @@
 
 Numba gives every function wrappers for Python and C, optimizes it, and makes machine code of it with a copy of
 all that it calls; the caller then takes in the whole once more. For a kernel that nothing else calls all but the last
-is for nothing.
+is for nothing. Such a kernel lacks what numba's `print` needs.
 """
 
 from __future__ import annotations
@@ -56,7 +56,6 @@ class _InnerLowering(NativeLowering):
         super().run_pass(state)
         known_by = object()
         state.targetctx.insert_user_function(known_by, state.cr.fndesc, [state.library])
-        state.reload_init.extend(state.library._reload_init)
         state.cr = state.cr._replace(cfunc=known_by)
         return True
 
@@ -64,13 +63,14 @@ class _InnerLowering(NativeLowering):
 class _InnerCompiler(CompilerBase):
     def define_pipelines(self):
         passes = DefaultPassBuilder.define_nopython_pipeline(self.state, "skinrender_inner")
-        passes.passes = [(_InnerLowering if each is NativeLowering else each, why) for each, why in passes.passes]
+        lowering = [each for each, _ in passes.passes].index(NativeLowering)
+        passes.passes[lowering] = (_InnerLowering, "lower as an ingredient")
         passes.finalize()
         return [passes]
 
 
 def inner(**options) -> Callable:
-    """A decorator like numba's ``njit(**options)``, whose kernels Python can call all the same."""
+    """A decorator like numba's ``njit(**options)``, whose kernels Python can call all the same, by position."""
     jit = numba.njit(pipeline_class=_InnerCompiler, **options)
 
     def decorate(function: Callable) -> Callable:

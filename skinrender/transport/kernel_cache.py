@@ -27,9 +27,11 @@ class _KernelCache(FunctionCache):
 
     def load_overload(self, sig, target_context):
         try:
-            return super().load_overload(sig, target_context)
+            found = super().load_overload(sig, target_context)
         except (*_DAMAGED, OSError):
             return None
+        # two processes that save at once may leave one's kernel under the other's types
+        return found if found is None or found.signature.args == tuple(sig) else None
 
     def save_overload(self, sig, data) -> None:
         try:
@@ -62,6 +64,16 @@ def cached(jit: Callable) -> Callable:
 def is_on_disk(kernel: Callable) -> bool:
     """Whether anything that was compiled of a `cached` kernel is kept; with the JIT off nothing is missed."""
     return not hasattr(kernel, "_cache") or os.path.exists(kernel._cache._cache_file._index_path)
+
+
+def can_keep() -> bool:
+    """Whether the cache folder can be written."""
+    return os.access(numba.config.CACHE_DIR, os.W_OK)
+
+
+def kept_in() -> dict[str, str]:
+    """Environment of a process that is to keep its kernels where this one does."""
+    return {"NUMBA_CACHE_DIR": numba.config.CACHE_DIR}
 
 
 def name_cache_folder() -> None:

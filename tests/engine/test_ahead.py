@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import pickle
 import subprocess
 import sys
+import time
+from pathlib import Path
 
 import pytest
 
@@ -38,6 +41,8 @@ kept = [kernel.stats for kernel in kernels if isinstance(kernel._cache, _KernelC
 hits, misses = (sum(sum(counts.values()) for counts in each) for each in zip(*((s.cache_hits, s.cache_misses) for s in kept)))
 json.dump({"status": status, "hits": hits, "misses": misses}, sys.stdout)
 """
+
+PATIENCE_S = 20.0
 
 
 @pytest.fixture
@@ -75,11 +80,61 @@ def test_a_process_ends_with_the_run_that_started_it(scene, tmp_path, monkeypatc
     compile_with(monkeypatch, tmp_path, "import os, time\nopen('pid', 'w').write(str(os.getpid()))\ntime.sleep(600)")
     monkeypatch.chdir(tmp_path)
     with pytest.raises(KeyboardInterrupt), ahead.kernels_ahead(scene, tmp_path / "volume.npz"):
-        while not (tmp_path / "pid").exists() or not (tmp_path / "pid").read_text():
-            pass
+        until = time.monotonic() + PATIENCE_S
+        while not ((tmp_path / "pid").exists() and (tmp_path / "pid").read_text()) and time.monotonic() < until:
+            time.sleep(0.01)
         raise KeyboardInterrupt
     with pytest.raises(ProcessLookupError):
         os.kill(int((tmp_path / "pid").read_text()), 0)
+
+
+@pytest.mark.parametrize("executable", [None, "", "/nowhere/python"])
+def test_without_a_python_to_start_there_is_no_process(scene, tmp_path, monkeypatch, executable):
+    monkeypatch.setattr(sys, "executable", executable)
+    with ahead.kernels_ahead(scene, tmp_path / "volume.npz") as compiled:
+        assert compiled() is None
+
+
+def test_where_no_kernel_can_be_kept_there_is_no_process(scene, tmp_path, monkeypatch):
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path / "none"))
+    with ahead.kernels_ahead(scene, tmp_path / "volume.npz") as compiled:
+        assert compiled() is None
+
+
+COMPILE_NOTHING = """
+import sys
+import time
+from skinrender.engine import ahead
+
+class View:
+    def __init__(self, scene, *_): self.volume = None
+    def prepare(self): print("begun", flush=True); time.sleep({seconds})
+    def scattered(self, *_, **__): pass
+
+ahead.View, ahead.load_volume, ahead._map_without_photons = View, lambda path: None, lambda *_: None
+ahead._compile()
+"""
+
+
+def compiler(scene, seconds: float) -> subprocess.Popen:
+    """A process that compiles nothing for some seconds."""
+    script = COMPILE_NOTHING.format(seconds=seconds)
+    process = subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    process.stdin.write(pickle.dumps((scene, Path("volume.npz"))))
+    process.stdin.flush()
+    assert process.stdout.readline() == b"begun\n"
+    return process
+
+
+def test_who_compiles_ends_well_while_the_run_goes_on(scene):
+    with compiler(scene, 0.0) as process:
+        assert process.wait(PATIENCE_S) == 0
+
+
+def test_who_compiles_ends_when_the_run_is_gone(scene):
+    with compiler(scene, 600.0) as process:
+        process.stdin.close()
+        assert process.wait(PATIENCE_S) == 1
 
 
 def test_kernels_on_disk_need_no_process(scene, tmp_path, monkeypatch):

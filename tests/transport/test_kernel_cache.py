@@ -95,3 +95,14 @@ def test_a_folder_where_others_may_write_is_not_trusted(tmp_path):
     folder.mkdir(parents=True)
     folder.chmod(0o777)
     assert cache_root_of(XDG_CACHE_HOME=str(tmp_path), TMPDIR=str(tmp_path)) != folder
+
+
+def test_a_kernel_kept_under_the_types_of_another_is_made_again(fresh, tmp_path):
+    """As two processes can leave it that keep two kernels at once."""
+    kernel = fresh()
+    kernel(3), kernel(1.5)
+    first, second = (path for path in files(tmp_path) if path.suffix == ".nbc")
+    first.write_bytes(second.read_bytes())
+    kernel = fresh()
+    assert kernel(3) == 6 and kernel(1.5) == 3.0
+    assert type(kernel(3)) is int and hits(kernel) == 1
