@@ -11,6 +11,7 @@ each band.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -24,8 +25,10 @@ from skinrender.estimate.scatter_image import MOST_BATCHES, BandsLight, batches_
 from skinrender.estimate.stream import Band, Stream
 
 _PARTS = 8
-"""Parts in which photons are deposited and images filtered side by side: as many for any number of threads, since the
-order of a sum decides how it is rounded."""
+"""Parts, at most, in which photons are deposited and images filtered side by side: as many for any number of threads, since
+the order of a sum decides how it is rounded."""
+_CELLS_PER_PHOTON = 32
+"""Cells of an image that are cleared and summed in the time that a photon takes."""
 
 
 def beam_bytes(pixels: int, rays: int, slabs: int, bands: int, rounds: int) -> int:
@@ -186,11 +189,12 @@ def _deposit_band(
     """
     lattice, rays = stream.lattice, stream.lattice.rays
     palette, g = band.anisotropy
+    images = images[: _parts_of(band, images[0, : band.slabs].size)]
 
     def run(part: int) -> int:
         image, count = images[part, : band.slabs], 0
         image[...] = 0.0
-        for k in range(part, len(batches), _PARTS):
+        for k in range(part, len(batches), len(images)):
             for index in batches[k]:
                 met, light = deposit(
                     *band.photons(index), rays.depth_edges_mm[: band.slabs + 1], rays.region, lattice.to_lattice,
@@ -207,3 +211,8 @@ def _deposit_band(
     for image in images[1:]:
         total += image[: band.slabs]
     return total, count
+
+
+def _parts_of(band: Band, cells: int) -> int:
+    """Parts in which a band's photons are deposited soonest, each into an image of its own: for few photons, few."""
+    return max(1, round(math.sqrt(_CELLS_PER_PHOTON * band.stored / cells)))

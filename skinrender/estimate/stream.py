@@ -79,7 +79,7 @@ class Stream(PixelRays):
         for chosen in np.array_split(bands, parts):
             for band, tau in zip(chosen, self._optical_depths(chosen, room[: len(chosen)])):
                 yield Band(self, int(band), tau)
-                self.progress(sum(self._photons(r, band) for r in range(self.photon_map.rounds)))
+                self.progress(self.stored(band))
                 self.photon_map.forget_pages()
 
     @cached_property
@@ -92,9 +92,10 @@ class Stream(PixelRays):
         """W of the strongest photon: images are made in this unit, so that light of any power fits into float32."""
         return float(self.photon_map.power_per_band.max()) or 1.0
 
-    def _photons(self, index: int, band: int) -> int:
-        part = self.photon_map.band_slice(index, int(band))
-        return part.stop - part.start
+    def stored(self, band: int) -> int:
+        """Photons of a band in all rounds."""
+        slices = (self.photon_map.band_slice(index, band) for index in range(self.photon_map.rounds))
+        return sum(part.stop - part.start for part in slices)
 
     def _optical_depths(self, bands: np.ndarray, depth: np.ndarray) -> np.ndarray:
         """Optical depth of every ray at the slab edges, into depth (bands, S + 1, Q) f4, whose first row is 0."""
@@ -148,6 +149,11 @@ class Band:
         hit = self.stream.lattice.rays.hit
         clearest = (self.tau if hit.all() else self.tau[:, hit]).min(axis=1, initial=np.inf)
         return max(1, int(np.searchsorted(clearest[:-1], VISIBLE_DEPTH)))
+
+    @property
+    def stored(self) -> int:
+        """Its photons in all rounds."""
+        return self.stream.stored(self.index)
 
     @cached_property
     def outside_power(self) -> np.ndarray:
