@@ -38,7 +38,7 @@ ROUND_STORED = 200_000
 FIRST_ROUNDS = 20
 """Batches of the first part; its error tells how many rounds are needed."""
 PART_STORED = 1 << 24
-"""Photons held at once, 285 MB, and for a moment twice: each part looks up the rays' optical depths again."""
+"""Photons held at once, 285 MB, and for a moment twice: each part makes the rays' optical depths again."""
 ERROR_MARGIN = 1.05
 """More rounds than the error so far asks for, as it is known to some percent itself."""
 

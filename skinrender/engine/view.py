@@ -29,6 +29,7 @@ from skinrender.estimate.scene_guides import scene_guides
 from skinrender.estimate.single import single_scattering
 from skinrender.estimate.stream import DepthSample, Stream, sample_depths
 from skinrender.estimate.surface import irradiance, surface_reflection
+from skinrender.estimate.transmittance import Crossings, cross_voxels
 from skinrender.estimate.view_path import LEVEL, ViewPath, make_view_path, meet_surface
 from skinrender.film.camera import ViewRays, view_rays
 from skinrender.film.color import exposure_for, y_weights
@@ -86,7 +87,11 @@ class View:
 
     def prepare_for_photons(self) -> None:
         """Make what photons are looked at with."""
-        parts = {"beam": ("lattice", "guides"), "point": ("lattice", "pixel_lattice"), "reference": ()}
+        parts = {
+            "beam": ("lattice", "crossings", "guides"),
+            "point": ("lattice", "crossings", "pixel_lattice"),
+            "reference": (),
+        }
         for part in parts[self.method]:
             getattr(self, part)
 
@@ -109,7 +114,7 @@ class View:
                 reference = Reference(self.scene.camera, self.volume, photon_map, self.y_weight, pool, progress)
                 return estimate_reference(reference, bands)
             pixels = self.volume, self.lattice, self._shape
-            stream = Stream(*pixels, photon_map, depths, self.y_weight, pool, count, progress)
+            stream = Stream(*pixels, self.crossings, photon_map, depths, self.y_weight, pool, progress)
             if self.method == "point":
                 return estimate_point(stream, self.pixel_lattice, self.gather_count, bands)
             return estimate_beam(stream, self.gather_count, bands, self.guides)
@@ -161,6 +166,11 @@ class View:
     def lattice(self) -> RayLattice:
         """The lattice to which photons are connected, see `pixel_rays.PixelRays`."""
         return self._lattice(transmittance_subpixels(self.volume))
+
+    @cached_property
+    def crossings(self) -> Crossings:
+        """The tissue that the lattice's rays meet."""
+        return cross_voxels(self.lattice.rays, self.volume, self.threads or os.cpu_count() or 1)
 
     @cached_property
     def pixel_lattice(self) -> RayLattice:

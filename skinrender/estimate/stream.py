@@ -12,27 +12,11 @@ import numpy as np
 
 from skinrender.estimate.pixel_rays import PixelRays
 from skinrender.estimate.ray_paths import VISIBLE_DEPTH
-from skinrender.estimate.transmittance import allocate, view_optical_depth
+from skinrender.estimate.transmittance import Crossings
 from skinrender.estimate.view_path import relief_arrays
-from skinrender.photonmap.first_scattering import is_laterally_uniform
 from skinrender.photonmap.photon_map import PhotonMap
 
-_DEPTHS_AT_ONCE = 2**26
-"""Optical depths held at once, 256 MB: the rays are followed through the voxels once for as many bands as that
-holds, all of these as evenly as can be."""
 _SAMPLE = 200_000
-_ANY_WIDTH_MM = 1e30
-
-
-def depths_bytes(rays: int, slabs: int, bands: int) -> int:
-    """Size in memory of the optical depths."""
-    of_band = rays * (slabs + 1)
-    return 4 * of_band * min(bands, bands_at_once(of_band))
-
-
-def bands_at_once(depths: int) -> int:
-    """Bands whose optical depths, so many a band, are held together."""
-    return max(1, _DEPTHS_AT_ONCE // depths)
 
 
 class DepthSample(NamedTuple):
@@ -55,32 +39,32 @@ class Stream(PixelRays):
 
     Parameters
     ----------
+    crossings : what the lattice's rays meet.
     y_weight : (B,) luminance of one W mm^-2 sr^-1 in each band.
     pool : threads; the kernels release the interpreter lock.
-    threads : their number.
     progress : called with the number of photons done.
     """
 
+    crossings: Crossings
     photon_map: PhotonMap
     depth_sample: DepthSample
     y_weight: np.ndarray
     pool: ThreadPoolExecutor
-    threads: int
     progress: Callable[[int], None]
 
     def bands(self, bands: np.ndarray) -> Iterator[Band]:
-        """Each of some bands with its optical depths along the rays, computed some bands at a time.
+        """Each of some bands with its optical depths along the rays.
 
         The depths of a band are gone when the next is asked for: all have the same room, as the system takes as long to
         give fresh memory as the depths take to compute.
         """
-        parts = -(-len(bands) // bands_at_once(self.lattice.rays.path_edges.size))
-        room = allocate(self.lattice.rays, -(-len(bands) // parts))
-        for chosen in np.array_split(bands, parts):
-            for band, tau in zip(chosen, self._optical_depths(chosen, room[: len(chosen)])):
-                yield Band(self, int(band), tau)
-                self.progress(self.stored(band))
-                self.photon_map.forget_pages()
+        volume, rays = self.volume, self.lattice.rays
+        tau = np.zeros((rays.slabs + 1, len(rays.hit)), np.float32)
+        for band in bands:
+            self.crossings.optical_depths(volume.mu_a[:, band] + volume.mu_s[:, band], self.pool, tau)
+            yield Band(self, int(band), tau)
+            self.progress(self.stored(band))
+            self.photon_map.forget_pages()
 
     @cached_property
     def relief(self) -> np.ndarray | None:
@@ -96,24 +80,6 @@ class Stream(PixelRays):
         """Photons of a band in all rounds."""
         slices = (self.photon_map.band_slice(index, band) for index in range(self.photon_map.rounds))
         return sum(part.stop - part.start for part in slices)
-
-    def _optical_depths(self, bands: np.ndarray, depth: np.ndarray) -> np.ndarray:
-        """Optical depth of every ray at the slab edges, into depth (bands, S + 1, Q) f4, whose first row is 0."""
-        volume, rays, (lx, ly) = self.volume, self.lattice.rays, self.volume.size_mm
-        palette_index = volume.tissue_index
-        if is_laterally_uniform(palette_index):  # one column without sides: a level ray may cross a million periods
-            palette_index, lx, ly = palette_index[:1, :1], _ANY_WIDTH_MM, _ANY_WIDTH_MM
-        mu_t = np.ascontiguousarray((volume.mu_a + volume.mu_s)[:, bands])
-        bounds = np.linspace(0, len(rays.hit), 2 * self.threads + 1).astype(int)
-
-        def follow(k: int) -> None:
-            view_optical_depth(
-                palette_index, volume.z_edges_mm, lx, ly, mu_t, rays.entry, rays.direction, rays.region,
-                rays.path_edges, rays.hit, 3 * VISIBLE_DEPTH, bounds[k], bounds[k + 1], depth,
-            )  # fmt: skip
-
-        list(self.pool.map(follow, range(len(bounds) - 1)))
-        return depth
 
 
 @dataclass(frozen=True, eq=False)
