@@ -159,14 +159,13 @@ def estimate_bytes(scene: Any, volume: SkinVolume, method: str, rounds: int, thr
     filled = volume.palette_index.nbytes if volume.has_relief else 0  # the voxels again, without air
     if method == "reference":
         return filled + made + max(reference_bytes(scene.camera, volume, pixels, bands, rounds, threads), alone)
-    edges, regions = depth_edges(volume, method), regions_of(volume).count
-    slabs = len(edges) - 1
+    slabs, regions = len(depth_edges(volume, method)) - 1, regions_of(volume).count
     rays = transmittance_subpixels(volume) ** 2 * pixels
     lattices = {pixels, rays} if method == "point" else {rays}
     held = sum(paths_bytes(q, slabs, regions, bands) + lattice_bytes(q, slabs) for q in lattices)
     counts = pixels, rays, slabs, bands, rounds
     of_method = beam_bytes(*counts) if method == "beam" else point_bytes(*counts, threads)
-    return filled + made + held + crossings_bytes(volume, rays, edges) + max(of_method, alone)
+    return filled + made + held + crossings_bytes(rays, slabs) + max(of_method, alone)
 
 
 def summarize(view: View, image: SpectralImage, scattered: ScatteredLight, clock: StageClock) -> EstimateSummary:

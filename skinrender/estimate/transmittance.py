@@ -76,10 +76,9 @@ def cross_voxels(rays: RayPaths, volume: SkinVolume, threads: int) -> Crossings:
         return Crossings(list(pool.map(follow, range(len(bounds) - 1))), len(rays.hit))
 
 
-def crossings_bytes(volume: SkinVolume, rays: int, edges_mm: np.ndarray) -> int:
-    """Size in memory of `Crossings` in slabs with these edges, while they are recorded, and of a band's optical depths."""
-    slabs, planes = len(edges_mm) - 1, int(np.searchsorted(volume.z_edges_mm, edges_mm[-1]))
-    return rays * (2 * 8 * max(64, slabs + planes) + 4 * slabs + 4 * (slabs + 1))
+def crossings_bytes(rays: int, slabs: int) -> int:
+    """Size in memory of `Crossings` and of a band's optical depths, with two stretches a slab: in skin there are 1.4."""
+    return rays * (2 * 8 * slabs + 4 * slabs + 4 * (slabs + 1))
 
 
 @inlined_kernel
