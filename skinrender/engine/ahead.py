@@ -1,7 +1,7 @@
 """Kernels of the estimate, compiled in a process beside the walk's where none are on disk yet.
 
-Numba compiles one kernel at a time in a process. On two cores the first render of a small scene took 16 s with this and 23 s
-without.
+Numba compiles one kernel at a time in a process. On two cores the first render of a small scene took 17 to 19 s by the clock
+with this, some 24 without.
 """
 
 from __future__ import annotations

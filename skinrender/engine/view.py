@@ -87,12 +87,8 @@ class View:
 
     def prepare_for_photons(self) -> None:
         """Make what photons are looked at with."""
-        parts = {
-            "beam": ("lattice", "crossings", "guides"),
-            "point": ("lattice", "crossings", "pixel_lattice"),
-            "reference": (),
-        }
-        for part in parts[self.method]:
+        parts = {"beam": "lattice crossings guides", "point": "lattice crossings pixel_lattice", "reference": ""}
+        for part in parts[self.method].split():
             getattr(self, part)
 
     def scattered(self, photon_map: PhotonMap, progress: bool = True) -> ScatteredLight:
