@@ -36,16 +36,9 @@ class Stretches(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Crossings:
-    """The tissue that Q view rays cross in S slabs.
-
-    Parameters
-    ----------
-    parts : of the rays, in order.
-    rays : their number.
-    """
+    """The tissue that Q view rays cross in S slabs; `parts`: of the rays, in order."""
 
     parts: list[Stretches]
-    rays: int
 
     def optical_depths(self, mu_t: np.ndarray, pool: ThreadPoolExecutor, depth: np.ndarray) -> np.ndarray:
         """Optical depth of every ray at the slab edges, into depth (S + 1, Q) f4, whose first row is 0.
@@ -73,7 +66,7 @@ def cross_voxels(rays: RayPaths, volume: SkinVolume, threads: int) -> Crossings:
         ))  # fmt: skip
 
     with ThreadPoolExecutor(threads) as pool:
-        return Crossings(list(pool.map(follow, range(len(bounds) - 1))), len(rays.hit))
+        return Crossings(list(pool.map(follow, range(len(bounds) - 1))))
 
 
 def crossings_bytes(rays: int, slabs: int) -> int:
