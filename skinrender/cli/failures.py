@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 import click
 
 from skinrender.cli.console import marked
-from skinrender.engine.interrupt import handled_by, stop_at_once
+from skinrender.engine.interrupt import stopped_at_once
 from skinrender.errors import InputError, RunError
 
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
@@ -40,7 +40,7 @@ class FailureGroup(click.Group):
         ctx.color = False if os.environ.get("NO_COLOR") else None  # None: on a terminal only
         _open_closed_streams()
         try:
-            with handled_by(stop_at_once):
+            with stopped_at_once():
                 result = super().invoke(ctx)
             sys.stdout.flush()
             return result

@@ -28,6 +28,11 @@ class Interrupt:
             raise Interrupted
         self.requested = True
 
+    def stop(self, *_: object) -> None:
+        """Signal handler: the first signal insists."""
+        self.requested = True
+        raise Interrupted
+
     def check(self) -> None:
         """Raise `Interrupted` if a signal came."""
         if self.requested:
@@ -43,9 +48,20 @@ def listen() -> Iterator[Interrupt]:
     interrupt.check()
 
 
-def stop_at_once(*_: object) -> None:
-    """Signal handler: raise `Interrupted` wherever the program is."""
-    raise Interrupted
+@contextmanager
+def stopped_at_once() -> Iterator[None]:
+    """Let SIGINT and SIGTERM raise `Interrupted` wherever the program is while the block runs.
+
+    Whatever error comes of that is an interruption too: the import of a compiled module turns it into an `ImportError`.
+    """
+    interrupt = Interrupt()
+    with handled_by(interrupt.stop):
+        try:
+            yield
+        except Exception as error:
+            if interrupt.requested:
+                raise Interrupted from error
+            raise
 
 
 @contextmanager
