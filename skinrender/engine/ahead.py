@@ -1,7 +1,7 @@
 """Kernels of the estimate, compiled in a process beside the walk's where none are on disk yet.
 
-Numba compiles one kernel at a time in a process. On two cores the first render of a small scene took 17 to 19 s by the clock
-with this, some 24 without.
+Numba compiles one kernel at a time in a process. On two cores the first render of a small scene took 17 to 19 s by
+the clock with this, some 24 without.
 """
 
 from __future__ import annotations
@@ -33,7 +33,9 @@ _MISSING_FIRST = {"beam": deposit, "point": gather_points}
 
 @contextmanager
 def kernels_ahead(scene: Any, volume_path: Path) -> Iterator[Callable[[], object]]:
-    """Compile what the picture of a scene needs while the block runs, if none was made here before; gives what waits for it.
+    """Compile what the picture of a scene needs while the block runs, if none was made here before.
+
+    Gives the function that waits for it.
 
     A process that fails costs nothing but its time: who needs a kernel compiles it then.
     """
@@ -51,10 +53,11 @@ def kernels_ahead(scene: Any, volume_path: Path) -> Iterator[Callable[[], object
 
 
 def _start(task: bytes) -> subprocess.Popen | None:
-    """The process that compiles; None where there can't be one. It looks for modules where this one does, and nowhere else."""
+    """The process that compiles; None where there can't be one. It looks for modules where this one does."""
     try:
         process = subprocess.Popen(
-            [sys.executable or "", "-P", "-m", __name__], env=os.environ | kept_in() | {"PYTHONPATH": os.pathsep.join(sys.path)},
+            [sys.executable or "", "-P", "-m", __name__],
+            env=os.environ | kept_in() | {"PYTHONPATH": os.pathsep.join(sys.path)},
             stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
             start_new_session=True,  # not a terminal's Ctrl-C but the end of this run ends it
         )  # fmt: skip

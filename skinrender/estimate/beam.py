@@ -25,8 +25,8 @@ from skinrender.estimate.scatter_image import MOST_BATCHES, BandsLight, batches_
 from skinrender.estimate.stream import Band, Stream
 
 _PARTS = 8
-"""Parts, at most, in which photons are deposited and images filtered side by side: as many for any number of threads, since
-the order of a sum decides how it is rounded."""
+"""Parts, at most, in which photons are deposited and images filtered side by side: as many for any number of threads,
+since the order of a sum decides how it is rounded."""
 _CELLS_PER_PHOTON = 32
 """Cells of an image that are cleared and summed in the time that a photon takes."""
 

@@ -60,8 +60,7 @@ def first_cell(position, velocity):
 
 
 def for_each_stretch(enter):
-    """A kernel that calls ``enter(sink, palette entry, mm)``, a kernel too, for each stretch that a flight has in one kind of
-    tissue.
+    """A kernel that calls ``enter(sink, palette entry, mm)``, a kernel too, for each stretch of a flight in one tissue.
 
     The flight is (x, y, z) + s (dx, dy, dz), 0 <= s <= length (mm); palette_index (nx, ny, nz), z_edges (nz + 1,).
     """
