@@ -23,7 +23,7 @@ from skinrender.photonmap import photon_pass as passes_of
 from skinrender.transport import tally
 from skinrender.transport import walk as walk_module
 
-BROKEN = 100_000  # cycles: more than any pass over a block takes
+BROKEN = 500_000  # cycles: more than any pass over a block takes
 LONGEST = 64  # passes
 USUAL = ["RED", "forearm flat, macule", "forearm relief"]
 

@@ -32,7 +32,7 @@ from skinrender.transport.medium import (
 )
 from skinrender.transport.relief import SAMPLE_BYTES
 from skinrender.transport.rng import stream_key
-from skinrender.transport.walk import IDLE, IN_FLIGHT, STORED, walk
+from skinrender.transport.walk import IDLE, IN_FLIGHT, STATE_SIZE, STORED, walk
 
 SIDES = {"periodic": PERIODIC, "open": OPEN, "dielectric": DIELECTRIC}
 WALK_STAGE = 0
@@ -181,7 +181,7 @@ class PhotonPass:
         ])  # fmt: skip
 
     @cached_property
-    def _light_parameters(self) -> np.ndarray:
+    def _lamp(self) -> tuple[float, ...]:
         z_top = float(self.volume.z_edges_mm[0])
         light = self.light
         if isinstance(light, PointLight):
@@ -234,7 +234,7 @@ class PhotonPass:
         tiles_x, tiles_y = np.maximum(1, np.ceil(np.array(self.volume.size_mm) / TILE_MM)).astype(int).tolist()
         return Histories(
             self._keys, index * histories, np.where(bands, histories, 0), np.cumsum(histories) - histories,
-            tiles_x, tiles_y, -float(self.volume.z_edges_mm[0]), not has_single_term(self.volume, self.light),
+            tiles_x, tiles_y, self._lamp, -float(self.volume.z_edges_mm[0]), not has_single_term(self.volume, self.light),
         )  # fmt: skip
 
     def _walk(
@@ -242,14 +242,14 @@ class PhotonPass:
     ) -> None:
         medium, keep = self._medium(real), self.depth_table.thresholds
         tallies = np.zeros((tally.WAYS, *counts.shape), dtype=np.int64)
-        f, w = new_block(real)
-        state = np.zeros(5, dtype=np.int64)
+        (f, w), arrivals = new_block(real), new_block(real)
+        state = np.zeros(STATE_SIZE, dtype=np.int64)
         arrays = None
         while True:
             if photons is not None:
                 photons.make_room()
                 arrays, state[STORED] = photons.arrays, photons.count
-            walk(f, w, source, self._light_parameters, medium, self._relief, keep, arrays, tallies, left, state)
+            walk(f, w, arrivals, source, medium, self._relief, keep, arrays, tallies, left, state)
             if photons is not None:
                 photons.count = int(state[STORED])
             if state[IN_FLIGHT] == 0:

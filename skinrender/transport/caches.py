@@ -37,7 +37,8 @@ def _prefetch(array, index):
     return ask
 
 
-def _address(context, builder, array_type, array, index):
+def address(context, builder, array_type, array, index):
+    """LLVM's pointer to array[index] of a contiguous array."""
     data = make_array(array_type)(context, builder, array).data
     return builder.gep(data, [index])
 
@@ -47,7 +48,7 @@ def _store_nontemporal(_typing, array, index, value):
     """LLVM's store with `!nontemporal`: one of the array's own type, as aligned as its values are."""
     def generate(context, builder, signature, arguments):
         array, index, value = arguments
-        stored = builder.store(value, _address(context, builder, signature.args[0], array, index))
+        stored = builder.store(value, address(context, builder, signature.args[0], array, index))
         stored.set_metadata("nontemporal", builder.module.add_metadata([cgutils.int32_t(1)]))
         return context.get_dummy_value()
 
@@ -58,11 +59,11 @@ def _store_nontemporal(_typing, array, index, value):
 def _ask(_typing, array, index):
     """LLVM's prefetch: for reading, into all caches, of data."""
     def generate(context, builder, signature, arguments):
-        address = builder.bitcast(_address(context, builder, signature.args[0], *arguments), cgutils.voidptr_t)
+        asked = builder.bitcast(address(context, builder, signature.args[0], *arguments), cgutils.voidptr_t)
         hint = [cgutils.int32_t(value) for value in (0, 3, 1)]
         form = ir.FunctionType(ir.VoidType(), [cgutils.voidptr_t, *(value.type for value in hint)])
         called = cgutils.get_or_insert_function(builder.module, form, "llvm.prefetch.p0i8")
-        builder.call(called, [address, *hint])
+        builder.call(called, [asked, *hint])
         return context.get_dummy_value()
 
     return types.void(array, types.uint64), generate

@@ -11,10 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skinrender.transport import kernel
+from skinrender.transport import inlined_kernel, kernel
 from skinrender.transport.bricks import BRICK_BITS
 from skinrender.transport.caches import prefetch
 from skinrender.transport.lanes import ABSORB_ABOVE, BAND, BRICKS, IN_BRICK, PLANE, SCATTER_BELOW, TISSUE, VOXEL, G, Z
+from skinrender.transport.vectors import DEALT, deal_rows
 
 
 class Grid(NamedTuple):
@@ -35,8 +36,8 @@ class Grid(NamedTuple):
     planes: int
 
 
-# Columns of a row of `Medium.rows`: thresholds of the collision's word, bits of the float32 anisotropy, tissue layer.
-ROW_SCATTER, ROW_ABSORB, ROW_G, ROW_LAYER = 0, 1, 2, 3
+ROW = 4
+"""Words of a row of `Medium.rows`: thresholds of the collision's word, bits of the float32 anisotropy, tissue layer."""
 
 
 @kernel
@@ -64,18 +65,26 @@ def find_voxels(f, w, n, grid):
         w[VOXEL + i] = voxel
 
 
-@kernel
-def gather(f, w, n, grid, plane_row, rows, rows_as_float):
-    """Sets the thresholds, anisotropy and tissue layer of n lanes.
+@inlined_kernel
+def row_of(w, i, palette, planes, plane_row):
+    """Place in `Medium.rows` of what a collision of lane i reads."""
+    first = plane_row[np.uint64(w[BAND + i]) * planes + np.uint64(w[PLANE + i])]
+    return np.uint64(ROW) * (np.uint64(first) + np.uint64(palette[np.uint64(w[VOXEL + i])]))
 
-    rows (., 4) int32 and the same memory as float32; plane_row (B planes,): first row of a band and plane's majorant
-    slab.
+
+@kernel
+def gather(f, w, n, grid, plane_row, rows):
+    """Sets the thresholds, anisotropy and tissue layer of n lanes, a multiple of DEALT.
+
+    rows (ROW .,) int32; plane_row (B planes,): first row of a band and plane's majorant slab. A row is read by one load and
+    dealt with those of the next three lanes: word by word the pass took 1.3 ns in place of 0.85, as there is but one store a cycle.
     """
     palette, planes = grid.palette, np.uint64(grid.planes)
-    for i in range(n):
-        first = plane_row[np.uint64(w[BAND + i]) * planes + np.uint64(w[PLANE + i])]
-        row = np.uint64(first) + np.uint64(palette[np.uint64(w[VOXEL + i])])
-        w[SCATTER_BELOW + i] = rows[row, ROW_SCATTER]
-        w[ABSORB_ABOVE + i] = rows[row, ROW_ABSORB]
-        f[G + i] = rows_as_float[row, ROW_G]
-        w[TISSUE + i] = rows[row, ROW_LAYER]
+    for i in range(0, n, DEALT):
+        a, b = row_of(w, i, palette, planes, plane_row), row_of(w, i + 1, palette, planes, plane_row)
+        c, d = row_of(w, i + 2, palette, planes, plane_row), row_of(w, i + 3, palette, planes, plane_row)
+        at = np.uint64(i)
+        deal_rows(
+            rows, a, b, c, d, w, np.uint64(SCATTER_BELOW) + at, np.uint64(ABSORB_ABOVE) + at, np.uint64(TISSUE) + at, f,
+            np.uint64(G) + at
+        )

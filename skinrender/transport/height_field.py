@@ -148,7 +148,7 @@ def first_hit(heights, cells, lx, ly, x, y, z, ux, uy, uz, s_max, side):
     gx, gy = x * (hx / lx), y * (hy / ly)
     dx, dy = ux * (hx / lx), uy * (hy / ly)
     cx, cy = math.floor(gx), math.floor(gy)
-    i, j = _periodic(cx, hx), _periodic(cy, hy)
+    i, j = np.uint64(_periodic(cx, hx)), np.uint64(_periodic(cy, hy))
     if cells[i, j, 0] - START_TOLERANCE_MM <= z <= cells[i, j, 1] + START_TOLERANCE_MM:
         start = side * (z - height(heights, lx, ly, x, y))
         if start < -START_TOLERANCE_MM:
@@ -165,7 +165,7 @@ def first_hit(heights, cells, lx, ly, x, y, z, ux, uy, uz, s_max, side):
     while s_in < s_max:
         s_out = max(s_in, min(min(next_x, next_y), s_max))
         z_in, z_out = z + uz * s_in, z + uz * s_out
-        i, j = _periodic(cx, hx), _periodic(cy, hy)
+        i, j = np.uint64(_periodic(cx, hx)), np.uint64(_periodic(cy, hy))
         if side > 0.0:
             may_cross = min(z_in, z_out) <= cells[i, j, 1]
         else:
@@ -190,9 +190,9 @@ def first_hit(heights, cells, lx, ly, x, y, z, ux, uy, uz, s_max, side):
 @kernel
 def _first_crossing_in_cell(heights, i, j, a_in, a_out, b_in, b_out, z_in, z_out, side):
     """Fraction t in [0, 1] of the chord at which side * f first turns negative, or -1."""
-    hx, hy = heights.shape
-    i0 = i - 1 if i > 0 else hx - 1
-    i2 = i + 1 if i < hx - 1 else 0
+    hx, hy, one = np.uint64(heights.shape[0]), np.uint64(heights.shape[1]), np.uint64(1)
+    i0 = np.uint64(i - one if i > 0 else hx - one)
+    i2 = np.uint64(i + one if i < hx - one else 0)
     p0, p1, p2 = _blend_row(heights, i0, j, hy, b_in, b_out)
     q0, q1, q2 = _blend_row(heights, i, j, hy, b_in, b_out)
     r0, r1, r2 = _blend_row(heights, i2, j, hy, b_in, b_out)
@@ -224,9 +224,10 @@ def _blossom(a, b):
 @kernel
 def _blend_row(heights, i, j, hy, b_in, b_out):
     """Bernstein coefficients, along the chord, of one row of control points blended in y."""
-    c0 = heights[i, j - 1 if j > 0 else hy - 1]
+    one = np.uint64(1)
+    c0 = heights[i, j - one if j > 0 else hy - one]
     c1 = heights[i, j]
-    c2 = heights[i, j + 1 if j < hy - 1 else 0]
+    c2 = heights[i, np.uint64(j + one if j < hy - one else 0)]
     u, v, w = _blossom(b_in, b_in)
     first = u * c0 + v * c1 + w * c2
     u, v, w = _blossom(b_in, b_out)

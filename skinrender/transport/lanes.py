@@ -10,38 +10,46 @@ from __future__ import annotations
 import numpy as np
 
 LANES = 256  # from 128 to 1024 none was better, see docs/walk.md
+# The vectorized passes run over whole groups of lanes (4 vectors of 16 floats): the scalar rest of such a loop rounds
+# otherwise, and a history would depend on how many others are in flight.
+GROUP = 64
+CACHE_LINE = 64  # bytes
 
-# float rows
+# Float rows that stay with a photon from flight to flight
 X, Y, Z = 0 * LANES, 1 * LANES, 2 * LANES  # position (mm), z from the top of the volume downwards
 M = 3 * LANES  # majorant optical depth from the top of the volume
 UX, UY, UZ = 4 * LANES, 5 * LANES, 6 * LANES  # direction of flight
-PATH = 7 * LANES  # length of the flight just made (mm)
-Z_START = 8 * LANES  # z at the start of that flight
-Z_SAFE_TOP, Z_SAFE_BOTTOM = 9 * LANES, 10 * LANES  # between these no border can be met
-G = 11 * LANES  # anisotropy at the collision
+Z_SAFE_TOP, Z_SAFE_BOTTOM = 7 * LANES, 8 * LANES  # between these no border can be met
 SLABS = 5  # of the majorant, at most; the next rows hold those of the lane's band, see `medium.flight_constants`
-SLAB_DEPTH, FREE_PATH = 12 * LANES, (11 + SLABS) * LANES
-FLOAT_ROWS = 11 + 2 * SLABS
+SLAB_DEPTH, FREE_PATH = 9 * LANES, (8 + SLABS) * LANES
+LASTING_FLOAT_ROWS = 8 + 2 * SLABS
+# Those that one pass tells a later one
+PATH = LASTING_FLOAT_ROWS * LANES  # length of the flight just made (mm)
+Z_START = (LASTING_FLOAT_ROWS + 1) * LANES  # z at the start of that flight
+G = (LASTING_FLOAT_ROWS + 2) * LANES  # anisotropy at the collision
+FLOAT_ROWS = LASTING_FLOAT_ROWS + 3
 
-# int32 rows; the first four are the generator's state words
+# Int32 rows that stay with a photon; the first four are the generator's state words
 WORDS = 0
-BRICKS, IN_BRICK = 4 * LANES, 5 * LANES  # first brick of the voxel's column, and the column in it (see `gather`)
-PLANE = 6 * LANES  # coarse depth cell, then voxel plane
+BAND = 4 * LANES  # wavelength band
+REGION = 5 * LANES  # which layer between two borders with an index step
+FRESH = 6 * LANES  # bit 0: path is one straight refracted passage so far; bit 1: never scattered
+LASTING_INT_ROWS = 7
+# Those that one pass tells a later one
 BORDER = 7 * LANES  # 1: the flight may have met a border; after `cross`, 1: it ended on one
-SCATTER_BELOW, ABSORB_ABOVE = 8 * LANES, 9 * LANES  # thresholds of the collision's word
-EVENT = 10 * LANES  # place in the tally, columns by bands, that counts what happened
-ARRIVED = 11 * LANES  # packed direction of flight before the collision
-FRESH = 12 * LANES  # bit 0: path is one straight refracted passage so far; bit 1: never scattered
-REGION = 13 * LANES  # which layer between two borders with an index step
-TISSUE = 14 * LANES  # tissue layer at the collision
-LISTED = 15 * LANES  # not a lane's: list of some lanes
-OVER = 16 * LANES  # row of `relief.Relief.around`
-SHOWN = 17 * LANES  # 1: scattered, and belongs into the map
-ENDED = 18 * LANES  # 1: the history has ended
-VOXEL = 19 * LANES  # place of the voxel in `gather.Grid.palette`
-BAND = 20 * LANES  # wavelength band
-ROLLED = 21 * LANES  # the word by which roulette on storage decides
-DEPTH_BIN = 22 * LANES  # place in its table, bins by bands
+OVER = 8 * LANES  # row of `relief.Relief.around`
+BRICKS, IN_BRICK = 9 * LANES, 10 * LANES  # first brick of the voxel's column, and the column in it (see `gather`)
+PLANE = 11 * LANES  # coarse depth cell, then voxel plane
+VOXEL = 12 * LANES  # place of the voxel in `gather.Grid.palette`
+SCATTER_BELOW, ABSORB_ABOVE = 13 * LANES, 14 * LANES  # thresholds of the collision's word
+TISSUE = 15 * LANES  # tissue layer at the collision
+EVENT = 16 * LANES  # place in the tally, columns by bands, that counts what happened
+ARRIVED = 17 * LANES  # packed direction of flight before the collision
+SHOWN = 18 * LANES  # 1: scattered, and belongs into the map
+ENDED = 19 * LANES  # 1: the history has ended
+ROLLED = 20 * LANES  # the word by which roulette on storage decides
+DEPTH_BIN = 21 * LANES  # place in its table, bins by bands
+LISTED = 22 * LANES  # not a lane's: list of some lanes
 INT_ROWS = 23
 
 STRAIGHT, UNSCATTERED = 1, 2
@@ -49,5 +57,12 @@ EMPTY = -1  # value of FRESH when a photon has left and no other is in its lane
 
 
 def new_block(real: type) -> tuple[np.ndarray, np.ndarray]:
-    """Empty buffers of a block: floats of type `real`, int32 words."""
-    return np.zeros(FLOAT_ROWS * LANES, dtype=real), np.zeros(INT_ROWS * LANES, dtype=np.int32)
+    """Empty buffers of a block: floats of type `real`, int32 words; vectors of lanes don't lie across cache lines."""
+    return _aligned(FLOAT_ROWS * LANES, real), _aligned(INT_ROWS * LANES, np.int32)
+
+
+def _aligned(size: int, kind: type) -> np.ndarray:
+    """Zeros that begin with a cache line."""
+    wide = np.zeros(size + CACHE_LINE // np.dtype(kind).itemsize, kind)
+    first = -wide.ctypes.data % CACHE_LINE // wide.itemsize
+    return wide[first : first + size]

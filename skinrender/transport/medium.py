@@ -12,7 +12,7 @@ import numpy as np
 
 from skinrender.transport.borders import Borders
 from skinrender.transport.bricks import BRICK
-from skinrender.transport.gather import Grid
+from skinrender.transport.gather import ROW, Grid
 from skinrender.transport.height_field import bulge_bound, cell_bounds
 from skinrender.transport.lanes import SLABS
 from skinrender.transport.relief import NEAR, TILE, Relief
@@ -38,7 +38,6 @@ class Medium(NamedTuple):
     last_cell: np.ndarray
     plane_row: np.ndarray
     rows: np.ndarray
-    rows_as_float: np.ndarray
     layers: int
     period: np.ndarray
     z_top: float
@@ -54,12 +53,10 @@ def make_grid(palette_index: np.ndarray, z_edges_mm: np.ndarray, real: type) -> 
     padding = (0, bricks_x * BRICK - nx), (0, bricks_y * BRICK - ny), (0, 0)
     cells = np.pad(palette_index, padding, mode="edge").reshape(bricks_x, BRICK, bricks_y, BRICK, nz).transpose(0, 2, 4, 1, 3).reshape(-1, BRICK * BRICK)
     uniform = (cells == cells[:, :1]).all(axis=1)
-    size = np.where(uniform, 1, BRICK * BRICK)
-    offset = np.concatenate([[0], np.cumsum(size)[:-1]])
-    palette = np.empty(size.sum(), dtype=np.uint16)
-    palette[offset[uniform]] = cells[uniform, 0]
-    palette[np.repeat(~uniform, size)] = cells[~uniform].ravel()
-    brick = (2 * offset + uniform).astype(np.uint32)
+    entries = np.arange(int(cells.max()) + 1, dtype=np.uint16)
+    varied = entries.size + BRICK * BRICK * (np.cumsum(~uniform) - 1)
+    brick = (2 * np.where(uniform, cells[:, 0], varied) + uniform).astype(np.uint32)
+    palette = np.concatenate([entries, cells[~uniform].ravel()])
 
     cell_top = np.arange(_COARSE_CELLS) * (z_edges_mm[-1] / _COARSE_CELLS)
     # one cell above and one below: a rounded product may fall into the next cell
@@ -226,12 +223,11 @@ def make_medium(
         thresholds = collision_thresholds(mu_a[:, band], mu_s[:, band], majorant[:, 2])
         rows.append(make_rows(thresholds, g[:, band], layer))
         plane_row.append(first + plane_slab * len(mu_a))
-        first += len(rows[-1])
-    all_rows = np.concatenate(rows)
+        first += rows[-1].size // ROW
     return Medium(
         borders, np.stack([_padded(majorant) for majorant, _ in majorants]),
         np.stack([flight_constants(majorant, real) for majorant, _ in majorants]), grid, cells.astype(real), last,
-        np.concatenate(plane_row).astype(np.int32), all_rows, all_rows.view(np.float32), layers, period.astype(real),
+        np.concatenate(plane_row).astype(np.int32), np.concatenate(rows), layers, period.astype(real),
         float(z_top),
     )  # fmt: skip
 
@@ -242,14 +238,14 @@ def _padded(majorant: np.ndarray) -> np.ndarray:
 
 
 def make_rows(thresholds: np.ndarray, g: np.ndarray, layer: np.ndarray) -> np.ndarray:
-    """What a collision reads, one 16-byte row a (majorant slab, palette entry): see the columns in `gather`.
+    """What a collision reads, one row a (majorant slab, palette entry), see `gather.ROW`; (ROW slabs P,).
 
     thresholds (slabs, P, 2) int32; g, layer (P,).
     """
     slabs, entries = thresholds.shape[:2]
-    rows = np.empty((slabs, entries, 4), np.int32)
+    rows = np.empty((slabs, entries, ROW), np.int32)
     rows[..., :2] = thresholds
     below_one = np.nextafter(np.float32(1.0), np.float32(0.0))  # a g that rounds to 1 would make 0/0 of the sampler
     rows[..., 2] = np.clip(g.astype(np.float32), -below_one, below_one).view(np.int32)
     rows[..., 3] = layer
-    return rows.reshape(-1, 4)
+    return rows.reshape(-1)

@@ -16,7 +16,7 @@ SIDES = 6
 LOST = 7
 COLLISIONS_NULL = 8
 BORDER_HITS = 9
-WAYS = 4  # copies of the tally that the walk counts in, in turn
+WAYS = 8  # copies of the tally that the walk counts in, in turn
 PER_LAYER = 10  # then absorbed by layer, then scattering events by layer
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from skinrender.transport import kernel
-from skinrender.transport.blockmath import cos_sin_turn, log_unit
+from skinrender.transport.blockmath import cos_sin, cos_sin_turn, log_unit
 
 
 @kernel
@@ -56,3 +56,17 @@ def test_cos_and_sin_of_every_turn():
     assert np.abs(out[0] - np.cos(angle)).max() < 4e-7
     assert np.abs(out[1] - np.sin(angle)).max() < 4e-7
     assert np.abs((out.astype(np.float64) ** 2).sum(axis=0) - 1.0).max() < 7e-7
+
+
+@kernel
+def wide_circle(angle, out):
+    for i in range(angle.size):
+        out[0, i], out[1, i] = cos_sin(angle[i])
+
+
+def test_cos_and_sin_in_double_over_some_turns():
+    angle = np.linspace(-15.0, 15.0, 1_000_001)
+    out = np.empty((2, angle.size))
+    wide_circle(angle, out)
+    assert np.abs(out[0] - np.cos(angle)).max() < 5e-15
+    assert np.abs(out[1] - np.sin(angle)).max() < 5e-15

@@ -16,7 +16,7 @@ from skinrender.transport.fresnel import fresnel
 from skinrender.transport.height_field import first_hit, height
 from skinrender.transport.lanes import LANES, new_block
 from skinrender.transport.medium import make_relief
-from skinrender.transport.relief import below_all_around, below_each_bulge, look_around
+from skinrender.transport.relief import OFFSET_MM, below_all_around, below_each_bulge, look_around
 from tests.stats import assert_same_means, assert_share
 from tests.volumes import Layer, beam, fractions, furrow, sky, slab_volume, walk_rounds
 
@@ -204,12 +204,13 @@ def test_level_relief_reflects_as_a_plane(zenith):
 
 
 def test_zero_relief_walks_the_same_histories_as_none():
-    """A pencil, whose first scatterings are stored with and without relief: the same photons but for rounding."""
+    """A pencil, whose first scatterings are stored with and without relief: the same photons but for what a start off the
+    surface shifts a flight, by cosines down to 0.01."""
     light, layers = beam(30.0, radius=0.0), [Layer(0.5, 1.0, 10.0, g=0.5)]
     flat, zero = (slab_volume(layers, planes=[5], surface=s) for s in (None, np.zeros((8, 8), np.float32)))
     walks = [walk_rounds(PhotonPass(v, light, 10), 300, store=True)[0] for v in (flat, zero)]
     assert np.array_equal(walks[0].tallies[0, tally.REFLECTED :], walks[1].tallies[0, tally.REFLECTED :])
-    assert np.allclose(walks[0].position, walks[1].position, atol=1e-5)
+    assert np.allclose(walks[0].position, walks[1].position, atol=100 * OFFSET_MM)
 
 
 def test_zero_relief_reflects_as_none():

@@ -6,27 +6,47 @@ import numpy as np
 import pytest
 
 from skinrender.photonmap.light import rectangle_solid_angle
-from skinrender.transport import kernel
+from skinrender.transport import kernel, lanes
 from skinrender.transport.emission import (
+    COLLIMATED,
+    KIND,
+    POINT,
     collimated_parameters,
     emit,
+    from_beam,
+    from_point,
+    from_sky,
     point_parameters,
     rectangle_constants,
     sky_parameters,
     spherical_rectangle,
-    tile_position,
+    stratum,
 )  # fmt: skip
+from skinrender.transport.lanes import LANES, new_block
+from skinrender.transport.launch import seed
+from skinrender.transport.rng import draw, stream_key
 from tests.stats import assert_fits
+from tests.transport.block import row
 
 SIZE = (2.0, 1.0)
 
 
 @kernel
-def emitted(light, lx, ly, z_mean, u, out):
+def one_emitted(lamp, lx, ly, z_mean, u, v, p, q):
+    """(x, y, ux, uy, uz) of the lamp for given variates."""
+    if lamp[KIND] == POINT:
+        return from_point(lamp, z_mean, u, v)
+    if lamp[KIND] == COLLIMATED:
+        return from_beam(lamp, lx, ly, z_mean, u, v)
+    return from_sky(lx, ly, z_mean, u, v, p, q)
+
+
+@kernel
+def emitted(lamp, lx, ly, z_mean, u, out):
     """Photons of the lamp for given variates (n, 4)."""
     for i in range(u.shape[0]):
-        out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = emit(
-            light, lx, ly, z_mean, u[i, 0], u[i, 1], u[i, 2], u[i, 3]
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = one_emitted(
+            lamp, lx, ly, z_mean, u[i, 0], u[i, 1], u[i, 2], u[i, 3]
         )
 
 
@@ -79,9 +99,9 @@ def test_point_lamp_is_uniform_over_the_solid_angle_of_the_patch(name, z_mean):
 
 
 def test_corners_of_the_square_are_the_corners_of_the_patch():
-    constants = tuple(rectangle_constants(-0.3, -0.2, 1.7, 0.8, 5.0))
+    constants = rectangle_constants(-0.3, -0.2, 1.7, 0.8, 5.0)
     for u, v in ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0)):
-        assert spherical_rectangle(constants, u, v) == pytest.approx((-0.3 + 2 * u, -0.2 + v), abs=1e-7)
+        assert spherical_rectangle(*constants, u, v) == pytest.approx((-0.3 + 2 * u, -0.2 + v), abs=1e-7)
 
 
 @pytest.mark.parametrize("zenith", [0.0, 50.0, 89.0])
@@ -122,7 +142,7 @@ def test_sky_is_uniform_over_the_patch_and_cosine_distributed():
 
 def test_lamps_of_given_variates():
     def one(light, *u):
-        return emit(light, *SIZE, 0.0, *u)
+        return one_emitted(light, *SIZE, 0.0, *u)
 
     assert one(sky_parameters(), 0.25, 0.5, 0.36, 0.25) == pytest.approx([0.5, 0.5, 0.0, 0.6, 0.8])
     disc = collimated_parameters((1.0, 0.5), (0.0, 0.0, 1.0), 0.4)
@@ -134,7 +154,7 @@ def test_lamps_of_given_variates():
 @kernel
 def tiled(count, tiles_x, tiles_y, u, out):
     for i in range(count):
-        out[i, 0], out[i, 1] = tile_position(i, count, tiles_x, tiles_y, u[i, 0], u[i, 1])
+        out[i, 0], out[i, 1] = stratum(np.float64(i), count, tiles_x, tiles_y, u[i, 0], u[i, 1])
 
 
 @pytest.mark.parametrize("count, tiles", [(7, (3, 2)), (1000, (3, 2)), (60_000, (4, 5)), (999, (1, 1)), (10, (20, 20))])
@@ -154,3 +174,18 @@ def test_consecutive_histories_share_a_tile():
     tile = np.floor(one_spread(1200, (3, 2), 1) * [3, 2]).astype(int)
     number = tile[:, 0] + 3 * tile[:, 1]
     assert np.array_equal(number, np.repeat(np.arange(6), 200))
+
+
+@pytest.mark.parametrize("lamp", [point_parameters((0.3, 0.7, -5.0), SIZE, 0.1), collimated_parameters((1.0, 0.5), (0.6, 0.0, 0.8), 0.3), sky_parameters()])
+def test_lanes_are_emitted_by_their_own_variates(lamp):
+    first, count, tiles = 700, 2000, (3, 2)
+    f, w = new_block(np.float32)
+    seed(w, LANES, stream_key(1, 2, 3), first)
+    words = w.copy()
+    emit(f, w, LANES, first, count, *tiles, lamp, *SIZE, 0.1)
+    for i in range(0, LANES, 17):
+        u, v = stratum(float(first + i), count, *tiles, *(draw(words, i, LANES) for _ in range(2)))
+        p, q = (draw(words, i, LANES) for _ in range(2)) if lamp == sky_parameters() else (0.0, 0.0)
+        found = [row(f, start)[i] for start in (lanes.X, lanes.Y, lanes.UX, lanes.UY, lanes.UZ)]
+        assert found == pytest.approx(one_emitted(lamp, *SIZE, 0.1, u, v, p, q), abs=1e-6)
+    assert np.array_equal(w[: 4 * LANES].reshape(4, -1)[:, ::17], words[: 4 * LANES].reshape(4, -1)[:, ::17])

@@ -45,8 +45,8 @@ def gathered(index, edges, ix, iy, z, real=np.float32):
     row(w, lanes.IN_BRICK, n)[:] = np.mod(ix, BRICK) * BRICK + np.mod(iy, BRICK)
     row(w, lanes.PLANE, n)[:] = np.clip(row(f, lanes.Z, n) * real(COARSE_CELLS / edges[-1]), 0, COARSE_CELLS - 1)
     plane_row = (np.arange(PLANES) % SLABS * ENTRIES).astype(np.int32)
-    find_voxels(f, w, n, grid)
-    gather(f, w, n, grid, plane_row, rows, rows.view(np.float32))
+    find_voxels(f, w, LANES, grid)
+    gather(f, w, LANES, grid, plane_row, rows)
     return f, w
 
 
@@ -79,8 +79,10 @@ def test_plane_of_any_depth(real):
     assert np.array_equal(row(w, lanes.SCATTER_BELOW, z.size) % 1000, expected)
 
 
-def test_uniform_bricks_are_stored_once():
+def test_uniform_bricks_share_the_palette():
     index, edges = volume(64, 64)
     grid = make_grid(index, edges, np.float32)
-    assert grid.palette.size == 16 * 16 + 8 * 16 * BRICK * BRICK
+    entries = int(index.max()) + 1
+    assert grid.palette.size == entries + 8 * 16 * BRICK * BRICK
+    assert np.array_equal(grid.palette[:entries], np.arange(entries))
     assert np.count_nonzero(grid.brick & 1 == 0) == 8 * 16

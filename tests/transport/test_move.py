@@ -159,7 +159,7 @@ def test_first_collision_follows_the_transmittance_of_what_is_really_there(uz):
             fly(f, w, LANES)
             locate(f, w, LANES, cells, np.array([1, 0, 4095], np.int32), 1, grid.planes)
             find_voxels(f, w, LANES, grid)
-            gather(f, w, LANES, grid, plane_row, rows, rows.view(np.float32))
+            gather(f, w, LANES, grid, plane_row, rows)
             collide(f, w, LANES, tally.PER_LAYER + 1, tally.columns(1))
             left = flying & (row(w, lanes.BORDER) == 1)
             ended = left | (flying & (row(w, lanes.ENDED) == 1))
