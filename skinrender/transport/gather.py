@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from skinrender.transport import inlined_kernel, kernel
-from skinrender.transport.bricks import BRICK_BITS
 from skinrender.transport.caches import prefetch
 from skinrender.transport.lanes import ABSORB_ABOVE, BAND, BRICKS, IN_BRICK, PLANE, SCATTER_BELOW, TISSUE, VOXEL, G, Z
 from skinrender.transport.vectors import DEALT, deal_rows
@@ -23,8 +22,9 @@ class Grid(NamedTuple):
 
     plane_edge (planes + 1): z of the voxel planes, mm from the top, the last one infinite; coarse_plane: first plane of
     each coarse depth cell; edges_in_cell: most edges that lie between that plane and a depth in the cell; brick
-    (bricks_x * bricks_y * planes) uint32, those of a column together: 2 * offset into `palette` + 1 if the brick is
-    uniform; palette uint16.
+    (bricks_x * bricks_y * planes) int32, those of a column together: where it begins in `palette`, of a brick that is not
+    uniform with the sign bit set too; palette uint16: the entries in order, which uniform bricks share, then the voxels of
+    the other bricks.
     """
 
     plane_edge: np.ndarray
@@ -36,6 +36,7 @@ class Grid(NamedTuple):
     planes: int
 
 
+MOST_VOXELS = np.int32(2**31 - 1)
 ROW = 4
 """Words of a row of `Medium.rows`: thresholds of the collision's word, bits of the float32 anisotropy, tissue layer."""
 
@@ -45,22 +46,23 @@ def find_voxels(f, w, n, grid):
     """Sets PLANE, until now the coarse depth cell, and VOXEL, the place in `Grid.palette`, of n lanes.
 
     Indices are unsigned: numba's test for negative ones costs as much as the look-up. The edges within a coarse cell
-    are counted, not searched: a `while` in this loop doubled its time. In a uniform brick the place is shifted out, as
+    are counted, not searched: a `while` in this loop doubled its time. In a uniform brick the place is masked out, as
     of a product with 0 or 1 LLVM makes a branch, which near the surface is guessed wrong again and again. The palette is
     the one table larger than the cache: asked for here, it is there for `gather`, which takes 3 ns under a relief
     in place of 5 to 10.
     """
     edge, coarse_plane, brick_of, palette = grid.plane_edge, grid.coarse_plane, grid.brick, grid.palette
-    more_edges, one, bits = grid.edges_in_cell - 1, np.uint64(1), np.uint64(2 * BRICK_BITS)
+    more_edges, one = grid.edges_in_cell - 1, np.uint64(1)
     for i in range(n):
         plane = np.uint64(coarse_plane[np.uint64(w[PLANE + i])])
         z = f[Z + i]
         plane += np.uint64(z >= edge[plane + one])
         for _ in range(more_edges):
             plane += np.uint64(z >= edge[plane + one])
-        brick = np.uint64(brick_of[np.uint64(w[BRICKS + i]) + plane])
+        brick = brick_of[np.uint64(w[BRICKS + i]) + plane]
         w[PLANE + i] = plane
-        voxel = (brick >> one) + (np.uint64(w[IN_BRICK + i]) >> ((brick & one) * bits))
+        is_varied = np.int32(brick >> np.int32(31))
+        voxel = np.uint64(np.int32(brick & MOST_VOXELS) + np.int32(w[IN_BRICK + i] & is_varied))
         prefetch(palette, voxel)
         w[VOXEL + i] = voxel
 

@@ -55,7 +55,7 @@ def make_grid(palette_index: np.ndarray, z_edges_mm: np.ndarray, real: type) -> 
     uniform = (cells == cells[:, :1]).all(axis=1)
     entries = np.arange(int(cells.max()) + 1, dtype=np.uint16)
     varied = entries.size + BRICK * BRICK * (np.cumsum(~uniform) - 1)
-    brick = (2 * np.where(uniform, cells[:, 0], varied) + uniform).astype(np.uint32)
+    brick = np.where(uniform, cells[:, 0], varied - 2**31).astype(np.int32)
     palette = np.concatenate([entries, cells[~uniform].ravel()])
 
     cell_top = np.arange(_COARSE_CELLS) * (z_edges_mm[-1] / _COARSE_CELLS)
