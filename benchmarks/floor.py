@@ -14,8 +14,8 @@ from skinrender.transport import block_kernel, entry_kernel, kernel
 from skinrender.transport.blockmath import log_unit
 from skinrender.transport.lanes import (
     ABSORB_ABOVE,
-    ARRIVED,
     ENDED,
+    INCOMING,
     LANES,
     PATH,
     SCATTER_BELOW,
@@ -63,7 +63,7 @@ def bare_fly(f, w, n, free_path):
 def bare_gather(f, w, n, rows, g):
     """One row of a table per lane."""
     for i in range(n):
-        row = w[ARRIVED + i] & 1
+        row = w[INCOMING + i] & 1
         w[SCATTER_BELOW + i] = rows[row, 0]
         w[ABSORB_ABOVE + i] = rows[row, 1]
         f[G + i] = g[row]

@@ -23,7 +23,8 @@ from skinrender.photonmap import photon_pass as passes_of
 from skinrender.transport import tally
 from skinrender.transport import walk as walk_module
 
-BROKEN = 500_000  # cycles: more than any pass over a block takes
+BROKEN = 100_000  # cycles: more than any pass over a block takes
+BROKEN_RELAUNCH = 500_000  # this one may let a block of histories arrive
 LONGEST = 64  # passes
 USUAL = ["RED", "forearm flat, macule", "forearm relief"]
 
@@ -40,10 +41,10 @@ def clock(typingctx):
 
 
 @numba.njit
-def enter(spent, k, last):
+def enter(spent, k, last, broken):
     """Adds the cycles since `last` to pass k; returns the time."""
     cycles = clock() - last
-    if cycles < BROKEN:
+    if cycles < broken:
         spent[k] += cycles
     return clock()
 
@@ -63,15 +64,20 @@ def timed_walk():
     loop.body.insert(0, ast.parse("last = clock()").body[0])
     space = {**vars(walk_module), "clock": clock, "enter": enter}
     exec(compile(ast.fix_missing_locations(tree), "timed walk", "exec"), space)
-    return numba.njit(nogil=True, error_model="numpy")(space["walk"]), names
+    return numba.njit(nogil=True, error_model="numpy", _nrt=False)(space["walk"]), names
 
 
 def _read_after_calls(body: list[ast.stmt], names: list[str]) -> None:
     for index, statement in reversed(list(enumerate(body))):
         call = getattr(statement, "value", None)
-        if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and hasattr(walk_module, call.func.id):
-            body.insert(index + 1, ast.parse(f"last = enter(spent, {len(names)}, last)").body[0])
+        if isinstance(call, ast.Call) and ast.unparse(call.args[0]) in ("f", "w"):
+            body.insert(index + 1, _reading(len(names), call.func.id))
             names.append(call.func.id)
+
+
+def _reading(k: int, name: str) -> ast.stmt:
+    broken = BROKEN_RELAUNCH if name == "relaunch" else BROKEN
+    return ast.parse(f"last = enter(spent, {k}, last, {broken})").body[0]
 
 
 def cycles_per_ns() -> float:

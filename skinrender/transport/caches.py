@@ -9,7 +9,8 @@ from __future__ import annotations
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic, overload
-from numba.np.arrayobj import make_array
+
+from skinrender.transport.vectors import address
 
 
 def stream(array, index, value):
@@ -35,12 +36,6 @@ def _prefetch(array, index):
         _ask(array, index)
 
     return ask
-
-
-def address(context, builder, array_type, array, index):
-    """LLVM's pointer to array[index] of a contiguous array."""
-    data = make_array(array_type)(context, builder, array).data
-    return builder.gep(data, [index])
 
 
 @intrinsic

@@ -20,7 +20,7 @@ from skinrender.transport.lanes import LANES, UX, UY, UZ, X, Y
 from skinrender.transport.rng import draw
 
 POINT, COLLIMATED, SKY = 0, 1, 2
-KIND, LAMP, DIRECTION, RADIUS, RECTANGLE = 0, 1, 4, 7, 8
+KIND, POSITION, DIRECTION, RADIUS, RECTANGLE = 0, 1, 4, 7, 8
 LAMP_SIZE = 17
 
 
@@ -65,7 +65,7 @@ def from_point(lamp, z_mean, u, v):
         lamp[c], lamp[c + 1], lamp[c + 2], lamp[c + 3], height, lamp[c + 5], lamp[c + 6], lamp[c + 7], lamp[c + 8], u, v
     )
     above, inverse = 1.0 - z_mean / height, 1.0 / np.sqrt(dx * dx + dy * dy + height * height)
-    return lamp[LAMP] + dx * above, lamp[LAMP + 1] + dy * above, dx * inverse, dy * inverse, height * inverse
+    return lamp[POSITION] + dx * above, lamp[POSITION + 1] + dy * above, dx * inverse, dy * inverse, height * inverse
 
 
 @block_kernel
@@ -80,8 +80,8 @@ def from_beam(lamp, lx, ly, z_mean, u, v):
         a, b = r * cos, r * sin
         lateral = math.sqrt(ux * ux + uy * uy)
         cx, cy = (ux / lateral, uy / lateral) if lateral > 0.0 else (1.0, 0.0)
-        x = lamp[LAMP] + cx * a / uz - cy * b
-        y = lamp[LAMP + 1] + cy * a / uz + cx * b
+        x = lamp[POSITION] + cx * a / uz - cy * b
+        y = lamp[POSITION + 1] + cy * a / uz + cx * b
     back = z_mean / uz
     return x - ux * back, y - uy * back, ux, uy, uz
 
@@ -110,7 +110,10 @@ def stratum(index, count, tiles_x, tiles_y, u, v):
 
 @block_kernel
 def emit(f, w, n, first, count, tiles_x, tiles_y, lamp, lx, ly, z_mean):
-    """Puts n lanes where the histories `first` and on, of `count`, pass the top plane z = 0; their generators are seeded."""
+    """Puts n lanes, whose generators have been seeded, where their histories pass the top plane z = 0.
+
+    They are the histories `first` and on of the `count` of a round.
+    """
     kind = int(lamp[KIND])
     for i in range(n):
         u, v = stratum(np.float64(first + i), count, tiles_x, tiles_y, draw(w, i, LANES), draw(w, i, LANES))

@@ -9,9 +9,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from skinrender.transport import kernel
+
 LANES = 256  # from 128 to 1024 none was better, see docs/walk.md
 # The vectorized passes run over whole groups of lanes (4 vectors of 16 floats): the scalar rest of such a loop rounds
-# otherwise, and a history would depend on how many others are in flight.
+# otherwise, and a history would depend on how many others are in flight. LANES is a multiple of it, and it of what `vectors`
+# takes at once.
 GROUP = 64
 CACHE_LINE = 64  # bytes
 
@@ -26,8 +29,9 @@ LASTING_FLOAT_ROWS = 8 + 2 * SLABS
 # Those that one pass tells a later one
 PATH = LASTING_FLOAT_ROWS * LANES  # length of the flight just made (mm)
 Z_START = (LASTING_FLOAT_ROWS + 1) * LANES  # z at the start of that flight
-G = (LASTING_FLOAT_ROWS + 2) * LANES  # anisotropy at the collision
-FLOAT_ROWS = LASTING_FLOAT_ROWS + 3
+EDGE = (LASTING_FLOAT_ROWS + 2) * LANES  # lower edge of a voxel plane (mm)
+G = (LASTING_FLOAT_ROWS + 3) * LANES  # anisotropy at the collision
+FLOAT_ROWS = LASTING_FLOAT_ROWS + 4
 
 # Int32 rows that stay with a photon; the first four are the generator's state words
 WORDS = 0
@@ -38,26 +42,35 @@ LASTING_INT_ROWS = 7
 # Those that one pass tells a later one
 BORDER = 7 * LANES  # 1: the flight may have met a border; after `cross`, 1: it ended on one
 OVER = 8 * LANES  # row of `relief.Relief.around`
-BRICKS, IN_BRICK = 9 * LANES, 10 * LANES  # first brick of the voxel's column, and the column in it (see `gather`)
+BRICKS, IN_BRICK = 9 * LANES, 10 * LANES  # first brick of the voxel's column, then its brick; and the column in it
 PLANE = 11 * LANES  # coarse depth cell, then voxel plane
-VOXEL = 12 * LANES  # place of the voxel in `gather.Grid.palette`
-SCATTER_BELOW, ABSORB_ABOVE = 13 * LANES, 14 * LANES  # thresholds of the collision's word
-TISSUE = 15 * LANES  # tissue layer at the collision
-EVENT = 16 * LANES  # place in the tally, columns by bands, that counts what happened
-ARRIVED = 17 * LANES  # packed direction of flight before the collision
-SHOWN = 18 * LANES  # 1: scattered, and belongs into the map
-ENDED = 19 * LANES  # 1: the history has ended
-ROLLED = 20 * LANES  # the word by which roulette on storage decides
-DEPTH_BIN = 21 * LANES  # place in its table, bins by bands
-LISTED = 22 * LANES  # not a lane's: list of some lanes
-INT_ROWS = 23
+BRICK = 12 * LANES  # of `gather.Grid.brick`
+VOXEL = 13 * LANES  # place of the voxel in `gather.Grid.palette`
+BAND_PLANE = 14 * LANES  # voxel plane among those of all bands, then its first row in `Medium.rows`
+ENTRY = 15 * LANES  # palette entry, then place of its row
+SCATTER_BELOW, ABSORB_ABOVE = 16 * LANES, 17 * LANES  # thresholds of the collision's word
+TISSUE = 18 * LANES  # tissue layer at the collision
+EVENT = 19 * LANES  # place in the tally, columns by bands, that counts what happened
+INCOMING = 20 * LANES  # packed direction of flight before the collision
+SHOWN = 21 * LANES  # 1: scattered, and belongs into the map
+ENDED = 22 * LANES  # 1: the history has ended
+ROLLED = 23 * LANES  # the word by which roulette on storage decides
+DEPTH_BIN = 24 * LANES  # place in its table, bins by bands
+LISTED = 25 * LANES  # not a lane's: list of some lanes; `append_set` writes whole vectors, up to the end of this last row
+INT_ROWS = 26
 
 STRAIGHT, UNSCATTERED = 1, 2
 EMPTY = -1  # value of FRESH when a photon has left and no other is in its lane
 
 
+@kernel
+def whole_groups(n):
+    """So many lanes that all groups with one of the first n lanes are whole."""
+    return (n + GROUP - 1) // GROUP * GROUP
+
+
 def new_block(real: type) -> tuple[np.ndarray, np.ndarray]:
-    """Empty buffers of a block: floats of type `real`, int32 words; vectors of lanes don't lie across cache lines."""
+    """Zeroed buffers of a block: floats of type `real`, int32 words; vectors of lanes don't lie across cache lines."""
     return _aligned(FLOAT_ROWS * LANES, real), _aligned(INT_ROWS * LANES, np.int32)
 
 

@@ -17,7 +17,6 @@ from skinrender.transport.lanes import (
     BAND,
     EMPTY,
     FRESH,
-    GROUP,
     LANES,
     LASTING_FLOAT_ROWS,
     LASTING_INT_ROWS,
@@ -31,6 +30,7 @@ from skinrender.transport.lanes import (
     UZ,
     X,
     Y,
+    whole_groups,
 )  # fmt: skip
 from skinrender.transport.relief import ROUGH
 from skinrender.transport.rng import seed_words
@@ -38,7 +38,7 @@ from skinrender.transport.tally import EMITTED, REFLECTED, REFLECTED_UNSCATTERED
 
 # Members of a walk's state
 BAND_NEXT, HISTORY_NEXT = 0, 1
-ARRIVED, TAKEN = 2, 3  # histories in the block of arrivals, and how many of these have been launched
+ARRIVED, LAUNCHED = 2, 3  # histories in the block of arrivals, and how many of these have left it
 
 
 class Histories(NamedTuple):
@@ -96,14 +96,14 @@ def arrive(f, w, source, medium, relief, tally, state):
     None has, when none is left. Light that never enters is tallied as specular.
     """
     borders = medium.borders
-    state[ARRIVED], state[TAKEN] = 0, 0
+    state[ARRIVED], state[LAUNCHED] = 0, 0
     while state[ARRIVED] == 0 and state[BAND_NEXT] < source.count.size:
         band, index = state[BAND_NEXT], state[HISTORY_NEXT]
         n = min(source.count[band] - index, LANES)
         state[HISTORY_NEXT] += n
         if index + n == source.count[band]:
             state[BAND_NEXT], state[HISTORY_NEXT] = band + 1, 0
-        whole = (n + GROUP - 1) // GROUP * GROUP
+        whole = whole_groups(n)
         seed(w, whole, source.key[band], source.first[band] + index)
         emit(
             f, w, whole, index, source.count[band], source.tiles_x, source.tiles_y, source.lamp, borders.lx, borders.ly,
@@ -126,13 +126,13 @@ def relaunch(f, w, ended, arrivals, source, medium, relief, tally, state):
     waiting_f, waiting_w = arrivals
     for k in range(ended):
         i = np.uint64(w[LISTED + k])
-        if state[TAKEN] == state[ARRIVED]:
+        if state[LAUNCHED] == state[ARRIVED]:
             arrive(waiting_f, waiting_w, source, medium, relief, tally, state)
         if state[ARRIVED] == 0:
             w[np.uint64(FRESH) + i] = EMPTY
         else:
-            copy_lane(waiting_f, waiting_w, np.uint64(waiting_w[LISTED + state[TAKEN]]), f, w, i)
-            state[TAKEN] += 1
+            copy_lane(waiting_f, waiting_w, np.uint64(waiting_w[LISTED + state[LAUNCHED]]), f, w, i)
+            state[LAUNCHED] += 1
     return ended > 0 and state[ARRIVED] == 0
 
 

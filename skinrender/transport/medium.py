@@ -10,14 +10,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skinrender.errors import InputError
 from skinrender.transport.borders import Borders
 from skinrender.transport.bricks import BRICK
-from skinrender.transport.gather import ROW, Grid
+from skinrender.transport.gather import MOST_VOXELS, ROW, Grid
 from skinrender.transport.height_field import bulge_bound, cell_bounds
 from skinrender.transport.lanes import SLABS
 from skinrender.transport.relief import NEAR, TILE, Relief
 
 _COARSE_CELLS = 4096
+_MOST_PARTS = 10
+"""Of the thinnest plane that all edges may be multiples of."""
 _MOST_RUNS = 512
 """Planes of different extinction among which slabs may begin; with more, every second or third of them."""
 _WORD = 2.0**32
@@ -57,15 +60,37 @@ def make_grid(palette_index: np.ndarray, z_edges_mm: np.ndarray, real: type) -> 
     varied = entries.size + BRICK * BRICK * (np.cumsum(~uniform) - 1)
     brick = np.where(uniform, cells[:, 0], varied - 2**31).astype(np.int32)
     palette = np.concatenate([entries, cells[~uniform].ravel()])
+    if palette.size > MOST_VOXELS:
+        raise InputError(f"{palette.size} voxels in bricks that are not of one tissue, more than {MOST_VOXELS}", remedy="Use larger voxels")
 
-    cell_top = np.arange(_COARSE_CELLS) * (z_edges_mm[-1] / _COARSE_CELLS)
+    coarse, edges_in_cell = _coarse_planes(z_edges_mm)
+    next_edge = np.append(z_edges_mm[1:-1], np.inf).astype(real)
+    return Grid(coarse, edges_in_cell, next_edge, brick, palette, bricks_y, nz)
+
+
+def _coarse_planes(z_edges_mm: np.ndarray) -> tuple[np.ndarray, int]:
+    """First plane of each coarse depth cell, and how many edges of planes may follow up to a depth in the cell."""
+    planes = z_edges_mm.size - 1
+    cells = _cells_between_edges(z_edges_mm)
+    if cells is not None:
+        middle = (np.arange(cells) + 0.5) * (z_edges_mm[-1] / cells)
+        return (np.searchsorted(z_edges_mm, middle) - 1).astype(np.uint16), 0
+    top = np.arange(_COARSE_CELLS) * (z_edges_mm[-1] / _COARSE_CELLS)
     # one cell above and one below: a rounded product may fall into the next cell
-    coarse = np.searchsorted(z_edges_mm, np.concatenate([[0.0], cell_top[:-1]]), side="right") - 1
-    last = np.searchsorted(z_edges_mm, np.append(cell_top[2:], [np.inf] * 2), side="right") - 1
-    edges = np.append(z_edges_mm[:-1], np.inf).astype(real)
-    return Grid(
-        edges, np.clip(coarse, 0, nz - 1).astype(np.int32), int((last - coarse).max()), brick, palette, bricks_y, nz
-    )
+    first = np.searchsorted(z_edges_mm, np.concatenate([[0.0], top[:-1]]), side="right") - 1
+    last = np.searchsorted(z_edges_mm, np.append(top[2:], [np.inf] * 2), side="right") - 1
+    return np.clip(first, 0, planes - 1).astype(np.uint16), int((last - first).max())
+
+
+def _cells_between_edges(z_edges_mm: np.ndarray) -> int | None:
+    """Number of equal cells that end on all edges of the planes; None without a few thousand such."""
+    thinnest = np.diff(z_edges_mm).min()
+    for parts in range(1, _MOST_PARTS + 1):
+        at = z_edges_mm * (parts / thinnest)
+        cells = round(at[-1])
+        if cells <= _COARSE_CELLS and np.abs(at - np.rint(at)).max() < 1e-6:
+            return cells
+    return None
 
 
 def choose_slabs(plane_mu_t: np.ndarray, z_edges_mm: np.ndarray, fluence_depth_mm: float = 0.5) -> np.ndarray:
@@ -216,8 +241,9 @@ def make_medium(
     tissue layers; borders and z_edges_mm in mm from the top of the volume, which is z_top in the scene's coordinates.
     """
     period = np.array([borders.lx, borders.ly])
-    cells = np.array([columns[0] / period[0], columns[1] / period[1], _COARSE_CELLS / z_edges_mm[-1]])
-    last = np.array([columns[0] - 1, columns[1] - 1, _COARSE_CELLS - 1], dtype=np.int32)
+    depth_cells = grid.coarse_plane.size
+    cells = np.array([columns[0] / period[0], columns[1] / period[1], depth_cells / z_edges_mm[-1]])
+    last = np.array([columns[0] - 1, columns[1] - 1, depth_cells - 1], dtype=np.int32)
     rows, plane_row, first = [], [], 0
     for band, (majorant, plane_slab) in enumerate(majorants):
         thresholds = collision_thresholds(mu_a[:, band], mu_s[:, band], majorant[:, 2])

@@ -72,7 +72,7 @@ def uniform(word):
 
 @inlined_kernel
 def draw(words, lane, stride):
-    """Scalar uniform variate in (0, 1) in float64 from the lane's own generator (exceptions only).
+    """Uniform variate in (0, 1) in float64 from the lane's own generator.
 
     `words` holds the four state words of all lanes, word k of a lane at ``words[k * stride + lane]``.
     """

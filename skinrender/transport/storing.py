@@ -6,7 +6,7 @@ import numpy as np
 
 from skinrender.transport import kernel
 from skinrender.transport.caches import stream
-from skinrender.transport.lanes import ARRIVED, BAND, DEPTH_BIN, LANES, LISTED, ROLLED, SHOWN, WORDS, X, Y, Z
+from skinrender.transport.lanes import BAND, DEPTH_BIN, INCOMING, LANES, LISTED, ROLLED, SHOWN, WORDS, X, Y, Z
 from skinrender.transport.rng import next_word
 
 
@@ -59,7 +59,7 @@ def store(f, w, shown, photons, stored, z_top):
         stream(position, np.uint64(3) * at, np.float32(f[X + i]))
         stream(position, np.uint64(3) * at + np.uint64(1), np.float32(f[Y + i]))
         stream(position, np.uint64(3) * at + np.uint64(2), np.float32(f[Z + i] + z_top))
-        stream(direction, at, w[ARRIVED + i])
+        stream(direction, at, w[INCOMING + i])
         band[at] = w[BAND + i]
         at += np.uint64(1)
     return np.int64(at)

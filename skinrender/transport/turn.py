@@ -17,13 +17,13 @@ from skinrender.transport import block_kernel
 from skinrender.transport.blockmath import cos_sin_turn
 from skinrender.transport.lanes import (
     ABSORB_ABOVE,
-    ARRIVED,
     BAND,
     BORDER,
     EMPTY,
     ENDED,
     EVENT,
     FRESH,
+    INCOMING,
     LANES,
     SCATTER_BELOW,
     SHOWN,
@@ -86,7 +86,7 @@ def pack_direction(ux, uy, uz):
 
 @block_kernel
 def collide(f, w, n, scatterings, columns):
-    """Decides what happens to n lanes; those that scatter get a new direction, the old one packed in ARRIVED.
+    """Decides what happens to n lanes; those that scatter get a new direction, the old one packed in INCOMING.
 
     EVENT is the column that counts it, of `columns` a band, the scatterings of the first tissue layer in column
     `scatterings`. A flight that ended on a border has no collision.
@@ -107,7 +107,7 @@ def collide(f, w, n, scatterings, columns):
         one_minus_cos, sin = henyey_greenstein(f[G + i], uniform(r_polar))
         cos_azimuth, sin_azimuth = cos_sin_turn(np.float32(r_azimuth) * np.float32(2.0**-32))
         vx, vy, vz = deflect(ux, uy, uz, one_minus_cos, sin, cos_azimuth, sin_azimuth)
-        w[ARRIVED + i] = pack_direction(ux, uy, uz)
+        w[INCOMING + i] = pack_direction(ux, uy, uz)
         collides = w[BORDER + i] == zero
         scattered = (r < w[SCATTER_BELOW + i]) & collides
         absorbed = (r > w[ABSORB_ABOVE + i]) & collides

@@ -1,7 +1,6 @@
 """Several lanes at once where LLVM would not find the vectors by itself.
 
-Each of these is a Python function, which says what it does and does it with the JIT off, and LLVM's instructions, which any
-processor can do; one without such an instruction takes several.
+Each of these is a Python function, which says what it does and does it with the JIT off, and LLVM's instructions for it.
 """
 
 from __future__ import annotations
@@ -10,8 +9,7 @@ import numpy as np
 from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic, overload
-
-from skinrender.transport.caches import address
+from numba.np.arrayobj import make_array
 
 SQUEEZED = 16  # lanes that `append_set` looks at
 DEALT = 4  # rows of four words that `deal_rows` takes
@@ -21,7 +19,7 @@ _WORD, _INDEX = ir.IntType(32), ir.IntType(64)
 def append_set(w, at, first, n, end):
     """Of the lanes `first` and on, SQUEEZED of them, writes to w[end:] those below n whose word, in w[at:], is set.
 
-    Returns their number. All SQUEEZED words from w[end] on are lost. at, end: unsigned.
+    Returns their number. The next words, SQUEEZED in all, have no meaning any more. at, end: unsigned.
     """
     lanes = [first + k for k in range(SQUEEZED) if first + k < n and w[int(at) + k] != 0]
     w[int(end) : int(end) + len(lanes)] = lanes
@@ -41,6 +39,9 @@ def deal_rows(rows, a, b, c, d, words, first, second, fourth, f, third):
 
 @overload(append_set, inline="always")
 def _append_set(w, at, first, n, end):
+    if not _is_flat(w, types.int32):
+        return None
+
     def append(w, at, first, n, end):
         return _squeeze(w, at, first, n, end)
 
@@ -49,10 +50,23 @@ def _append_set(w, at, first, n, end):
 
 @overload(deal_rows, inline="always")
 def _deal_rows(rows, a, b, c, d, words, first, second, fourth, f, third):
+    if not (_is_flat(rows, types.int32) and _is_flat(words, types.int32) and _is_flat(f, types.float32, types.float64)):
+        return None
+
     def deal(rows, a, b, c, d, words, first, second, fourth, f, third):
         _transpose(rows, a, b, c, d, words, first, second, fourth, f, third)
 
     return deal
+
+
+def _is_flat(array, *dtypes) -> bool:
+    """Whether values lie one after the other, so that some are a vector."""
+    return isinstance(array, types.Array) and array.ndim == 1 and array.layout == "C" and array.dtype in dtypes
+
+
+def address(context, builder, array_type, array, index):
+    """LLVM's pointer to array[index] of a contiguous array, for an unsigned index."""
+    return builder.gep(make_array(array_type)(context, builder, array).data, [index])
 
 
 def _vector_at(context, builder, array_type, array, index, vector):
@@ -61,26 +75,33 @@ def _vector_at(context, builder, array_type, array, index, vector):
 
 @intrinsic
 def _squeeze(_typing, w, at, first, n, end):
-    """LLVM's vector.compress of the lanes' numbers."""
+    """LLVM's vector.compress where it is an instruction; elsewhere that would take twice as long as word by word."""
     def generate(context, builder, signature, arguments):
         w, at, first, n, end = arguments
-        words, bits = ir.VectorType(_WORD, SQUEEZED), ir.VectorType(ir.IntType(1), SQUEEZED)
+        words = ir.VectorType(_WORD, SQUEEZED)
         nothing, zeros = ir.Constant(words, ir.Undefined), ir.Constant(words, [0] * SQUEEZED)
 
         def all_of(value):
             one = builder.insert_element(nothing, builder.trunc(value, _WORD), ir.Constant(_WORD, 0))
             return builder.shuffle_vector(one, nothing, zeros)
 
-        def words_at(index):
-            return _vector_at(context, builder, signature.args[0], w, index, words)
+        def place(index, kind):
+            return _vector_at(context, builder, signature.args[0], w, index, kind)
 
-        lane = builder.add(all_of(first), ir.Constant(words, list(range(SQUEEZED))))
-        flag = builder.load(words_at(at), align=4)
-        is_set = builder.and_(builder.icmp_signed("!=", flag, zeros), builder.icmp_signed("<", lane, all_of(n)))
-        form = ir.FunctionType(words, [words, bits, words])
-        compress = builder.module.declare_intrinsic(f"llvm.experimental.vector.compress.v{SQUEEZED}i32", (), form)
-        builder.store(builder.call(compress, [lane, is_set, nothing]), words_at(end), align=4)
-        return builder.zext(builder.ctpop(builder.bitcast(is_set, ir.IntType(SQUEEZED))), _INDEX)
+        lanes = builder.add(all_of(first), ir.Constant(words, list(range(SQUEEZED))))
+        flags = builder.load(place(at, words), align=4)
+        is_set = builder.and_(builder.icmp_signed("!=", flags, zeros), builder.icmp_signed("<", lanes, all_of(n)))
+        if "+avx512f" in context.codegen().magic_tuple()[-1].split(","):
+            form = ir.FunctionType(words, [words, is_set.type, words])
+            compress = builder.module.declare_intrinsic(f"llvm.experimental.vector.compress.v{SQUEEZED}i32", (), form)
+            builder.store(builder.call(compress, [lanes, is_set, nothing]), place(end, words), align=4)
+            return builder.zext(builder.ctpop(builder.bitcast(is_set, ir.IntType(SQUEEZED))), _INDEX)
+        listed = end
+        for k in range(SQUEEZED):
+            lane, counts = (builder.extract_element(each, ir.Constant(_WORD, k)) for each in (lanes, is_set))
+            builder.store(lane, place(listed, _WORD), align=4)
+            listed = builder.add(listed, builder.zext(counts, _INDEX))
+        return builder.sub(listed, end)
 
     return types.uint64(w, types.uint64, types.int64, types.int64, types.uint64), generate
 

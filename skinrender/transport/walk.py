@@ -1,7 +1,7 @@
 """The photon walk: a block of lanes through the passes until every history has ended (paper, section 7.1).
 
-    fly -> wrap or mark_sides -> list_lanes -> look_around, clear_by_depth, clear_by_bulge (under a relief) -> meet_borders
-    -> locate -> find_voxels -> gather -> collide -> count_events -> roll, thin_out (or list_lanes) -> store -> relaunch
+    fly -> wrap or mark_sides -> list_lanes -> look_around, clear_by_depth, clear_by_bulge (periodic, with a relief) -> meet_borders
+    -> locate -> find_planes -> find_voxels -> gather -> collide -> count_events -> roll, thin_out (or list_lanes) -> store -> relaunch
 
 A dead lane is relaunched in place with the next history, of the next band when one's have all begun: each lane holds
 what differs between bands. With a block for each band the last histories of each, ten times as long as others, flew in
@@ -15,7 +15,7 @@ import numpy as np
 
 from skinrender.transport import entry_kernel, kernel
 from skinrender.transport.borders import INSIDE, LEFT_BOTTOM, LEFT_TOP, PERIODIC, cross
-from skinrender.transport.gather import find_voxels, gather
+from skinrender.transport.gather import find_planes, find_voxels, gather
 from skinrender.transport.lanes import (
     BAND,
     BORDER,
@@ -23,7 +23,6 @@ from skinrender.transport.lanes import (
     ENDED,
     EVENT,
     FRESH,
-    GROUP,
     LANES,
     LISTED,
     SHOWN,
@@ -33,6 +32,7 @@ from skinrender.transport.lanes import (
     UZ,
     X,
     Y,
+    whole_groups,
 )
 from skinrender.transport.launch import close_holes, relaunch
 from skinrender.transport.move import fly, locate, mark_sides, wrap
@@ -54,7 +54,7 @@ from skinrender.transport.vectors import SQUEEZED, append_set
 # Members of a walk's state, after those in `launch`
 IN_FLIGHT = 4  # lanes; 0: begins, or has ended
 STORED = 5  # photons
-IDLE = 6  # flights since a history ended
+IDLE = 6  # flights since a history ended, those of empty lanes in a group too
 STATE_SIZE = 7
 
 _PASSES = 1 << 20  # after which `walk` returns, so that whoever called it can stop
@@ -152,7 +152,7 @@ def walk(f, w, arrivals, source, medium, relief, keep, photons, tallies, exits, 
         n = close_holes(f, w, np.int64(LANES))
     while n > 0 and stored <= room and passes < _PASSES:
         passes += 1
-        whole = (n + GROUP - 1) // GROUP * GROUP
+        whole = whole_groups(n)
         fly(f, w, whole)
         if medium.borders.sides == PERIODIC:
             wrap(f, whole, medium.period[0], medium.period[1])
@@ -166,7 +166,8 @@ def walk(f, w, arrivals, source, medium, relief, keep, photons, tallies, exits, 
                 marked = clear_by_bulge(f, w, marked, medium.borders, relief)
         meet_borders(f, w, marked, medium, relief, tally, exits, source.before)
         locate(f, w, whole, medium.cells_per_mm, medium.last_cell, medium.grid.bricks_y, medium.grid.planes)
-        find_voxels(f, w, whole, medium.grid)
+        find_planes(f, w, whole, medium.grid)
+        find_voxels(w, whole, medium.grid)
         gather(f, w, whole, medium.grid, medium.plane_row, medium.rows)
         collide(f, w, whole, PER_LAYER + medium.layers, tallies.shape[2])
         count_events(w, n, tallies)

@@ -22,7 +22,7 @@ from skinrender.transport.emission import (
     spherical_rectangle,
     stratum,
 )  # fmt: skip
-from skinrender.transport.lanes import LANES, new_block
+from skinrender.transport.lanes import GROUP, LANES, new_block
 from skinrender.transport.launch import seed
 from skinrender.transport.rng import draw, stream_key
 from tests.stats import assert_fits
@@ -176,10 +176,19 @@ def test_consecutive_histories_share_a_tile():
     assert np.array_equal(number, np.repeat(np.arange(6), 200))
 
 
-@pytest.mark.parametrize("lamp", [point_parameters((0.3, 0.7, -5.0), SIZE, 0.1), collimated_parameters((1.0, 0.5), (0.6, 0.0, 0.8), 0.3), sky_parameters()])
-def test_lanes_are_emitted_by_their_own_variates(lamp):
+LIGHTS = {
+    "point": point_parameters((0.3, 0.7, -5.0), SIZE, 0.1),
+    "disc": collimated_parameters((1.0, 0.5), (0.6, 0.0, 0.8), 0.3),
+    "beam": collimated_parameters((1.0, 0.5), (0.6, 0.0, 0.8), None),
+    "sky": sky_parameters(),
+}
+
+
+@pytest.mark.parametrize("lamp", LIGHTS.values(), ids=LIGHTS)
+@pytest.mark.parametrize("real, tolerance", [(np.float32, 1e-6), (np.float64, 1e-12)])
+def test_lanes_are_emitted_by_their_own_variates(lamp, real, tolerance):
     first, count, tiles = 700, 2000, (3, 2)
-    f, w = new_block(np.float32)
+    f, w = new_block(real)
     seed(w, LANES, stream_key(1, 2, 3), first)
     words = w.copy()
     emit(f, w, LANES, first, count, *tiles, lamp, *SIZE, 0.1)
@@ -187,5 +196,18 @@ def test_lanes_are_emitted_by_their_own_variates(lamp):
         u, v = stratum(float(first + i), count, *tiles, *(draw(words, i, LANES) for _ in range(2)))
         p, q = (draw(words, i, LANES) for _ in range(2)) if lamp == sky_parameters() else (0.0, 0.0)
         found = [row(f, start)[i] for start in (lanes.X, lanes.Y, lanes.UX, lanes.UY, lanes.UZ)]
-        assert found == pytest.approx(one_emitted(lamp, *SIZE, 0.1, u, v, p, q), abs=1e-6)
+        assert found == pytest.approx(one_emitted(lamp, *SIZE, 0.1, u, v, p, q), abs=tolerance)
     assert np.array_equal(w[: 4 * LANES].reshape(4, -1)[:, ::17], words[: 4 * LANES].reshape(4, -1)[:, ::17])
+
+
+@pytest.mark.parametrize("lamp", LIGHTS.values(), ids=LIGHTS)
+def test_a_history_is_emitted_the_same_in_any_lane(lamp):
+    """Bit for bit, in a block of any number of groups."""
+    seen = []
+    for first, n in ((700, LANES), (700 + 3 * GROUP, GROUP), (700 + GROUP + 7, 3 * GROUP)):
+        f, w = new_block(np.float32)
+        seed(w, n, stream_key(1, 2, 3), first)
+        emit(f, w, n, first, 2000, 3, 2, lamp, *SIZE, 0.1)
+        lane = 3 * GROUP + 700 - first
+        seen.append([row(f, start)[lane : lane + GROUP - 7].tobytes() for start in (lanes.X, lanes.Y, lanes.UX, lanes.UY, lanes.UZ)])
+    assert seen[0] == seen[1] == seen[2]

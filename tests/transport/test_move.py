@@ -8,7 +8,7 @@ import pytest
 from skinrender.transport import lanes, tally
 from skinrender.transport.blockmath import log_unit
 from skinrender.transport.bricks import BRICK
-from skinrender.transport.gather import find_voxels, gather
+from skinrender.transport.gather import find_planes, find_voxels, gather
 from skinrender.transport.lanes import LANES, SLABS, new_block
 from skinrender.transport.medium import collision_thresholds, make_grid, make_majorant, make_rows
 from skinrender.transport.move import fly, locate, mark_sides, wrap
@@ -143,7 +143,8 @@ def test_first_collision_follows_the_transmittance_of_what_is_really_there(uz):
     zeros = np.zeros(mu_a.size)
     rows = make_rows(collision_thresholds(mu_a, zeros, majorant[:, 2]), zeros, zeros)
     plane_row = plane_slab * np.int32(mu_a.size)
-    cells = np.array([1.0, 0.5, 4096 / edges[-1]], np.float32)
+    depth_cells = grid.coarse_plane.size
+    cells = np.array([1.0, 0.5, depth_cells / edges[-1]], np.float32)
 
     f, w = spread(np.float32, 9, edges, majorant)
     start = 0.0 if uz > 0.0 else edges[-1]
@@ -157,8 +158,9 @@ def test_first_collision_follows_the_transmittance_of_what_is_really_there(uz):
         flying, where = np.ones(LANES, bool), np.zeros(LANES)
         while flying.any():
             fly(f, w, LANES)
-            locate(f, w, LANES, cells, np.array([1, 0, 4095], np.int32), 1, grid.planes)
-            find_voxels(f, w, LANES, grid)
+            locate(f, w, LANES, cells, np.array([1, 0, depth_cells - 1], np.int32), 1, grid.planes)
+            find_planes(f, w, LANES, grid)
+            find_voxels(w, LANES, grid)
             gather(f, w, LANES, grid, plane_row, rows)
             collide(f, w, LANES, tally.PER_LAYER + 1, tally.columns(1))
             left = flying & (row(w, lanes.BORDER) == 1)

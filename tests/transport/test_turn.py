@@ -188,7 +188,7 @@ def test_collision_of_given_words_has_the_closed_form():
     assert np.allclose((after * b).sum(axis=1), sin * np.sin(azimuth), atol=3e-5)
     codes = np.empty(LANES, np.int32)
     packed(before.astype(np.float32), codes)
-    assert np.array_equal(row(w, lanes.ARRIVED), codes)
+    assert np.array_equal(row(w, lanes.INCOMING), codes)
 
 
 def test_thresholds_decide_to_the_very_word():

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+
+import numba
 import numpy as np
 import pytest
 
 from skinrender.transport import kernel
-from skinrender.transport.lanes import ENDED, LANES, LISTED, new_block
-from skinrender.transport.vectors import DEALT, append_set, deal_rows
+from skinrender.transport.lanes import ENDED, GROUP, INT_ROWS, LANES, LISTED
+from skinrender.transport.vectors import DEALT, SQUEEZED, append_set, deal_rows
 from skinrender.transport.walk import list_lanes
 from tests.transport.block import row
+
+GUARD = 64
+PLAIN = {"NUMBA_CPU_NAME": "x86-64", "NUMBA_CPU_FEATURES": ""}
 
 
 @kernel
@@ -24,29 +32,42 @@ def dealt(rows, at, words, f):
     )
 
 
+def test_groups_are_whole_vectors():
+    assert LANES % GROUP == 0 and GROUP % SQUEEZED == 0 and GROUP % DEALT == 0
+
+
 @pytest.mark.parametrize("n", [0, 1, 15, 16, 17, 64, 200, LANES])
 @pytest.mark.parametrize("share", [0.0, 0.03, 0.5, 1.0])
 def test_lanes_that_are_set_are_listed_in_order(n, share):
-    _, w = new_block(np.float32)
     rng = np.random.default_rng(n)
+    w = rng.integers(-9, 9, INT_ROWS * LANES + GUARD).astype(np.int32)
     row(w, ENDED)[:] = (rng.random(LANES) < share) * rng.choice([1, -1, 7, 1 << 30], LANES)
     before = w.copy()
     listed = list_lanes(w, n, np.uint32(ENDED))
     assert row(w, LISTED, int(listed)).tolist() == np.flatnonzero(row(before, ENDED, n)).tolist()
     row(w, LISTED)[:] = row(before, LISTED)
-    assert np.array_equal(w, before), "nothing else is written"
+    assert np.array_equal(w, before), "nothing else is written, also not behind the last row"
 
 
-def test_python_form_lists_the_same():
+@pytest.mark.parametrize("form", [appended, append_set])
+def test_both_forms_list_the_same(form):
     rng = np.random.default_rng(1)
     for first in (0, 16, 48):
         words = np.zeros(128, np.int32)
         words[:64] = rng.integers(0, 2, 64)
-        forms = words.copy(), words.copy()
-        n, at, end = 60, np.uint64(first), np.uint64(80)
-        counts = [int(form(each, at, first, n, end)) for form, each in zip((appended, append_set), forms)]
-        assert counts[0] == counts[1]
-        assert np.array_equal(forms[0][80 : 80 + counts[0]], forms[1][80 : 80 + counts[0]])
+        expected = [lane for lane in range(first, min(first + SQUEEZED, 60)) if words[lane]]
+        count = int(form(words, np.uint64(first), first, 60, np.uint64(80)))
+        assert words[80 : 80 + count].tolist() == expected
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+@pytest.mark.skipif(bool(os.environ.get("NUMBA_CPU_NAME")), reason="this is the run without")
+def test_a_processor_without_such_an_instruction_lists_the_same(tmp_path):
+    environment = os.environ | PLAIN | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", __file__], env=environment, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout
 
 
 @pytest.mark.parametrize("real", [np.float32, np.float64])
@@ -62,3 +83,10 @@ def test_rows_are_dealt_to_four_lanes(real):
     again, g = np.zeros_like(words), np.zeros_like(f)
     deal_rows(rows, *at, again, 0, DEALT, 2 * DEALT, g, 0)
     assert np.array_equal(again, words) and np.array_equal(g, f)
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+@pytest.mark.parametrize("w", [np.zeros(64, np.int64), np.zeros(128, np.int32)[::2], np.zeros((8, 8), np.int32)])
+def test_words_that_are_no_vector_are_refused(w):
+    with pytest.raises(numba.core.errors.TypingError):
+        appended(w, np.uint64(0), 0, 16, np.uint64(32))
