@@ -129,40 +129,27 @@ def side_distance(borders, x, y, dx, dy, path):
 
 
 @inlined_kernel
-def enter_surface(w, i, borders, relief, x, y, z, ux, uy, uz, started):
-    """Follows the photon of lane i in the air above the skin until it enters or escapes upwards.
+def enter_surface(w, i, borders, relief, x, y, z, ux, uy, uz):
+    """Follows the photon of lane i in the air above a height field until it enters the skin or escapes upwards.
 
-    Returns (entered, reflections, x, y, z, ux, uy, uz). A flat surface is met at z = border 0; `started` says that the
-    photon starts on the surface (it has just left it) and not at the top of the volume.
+    Returns (entered, reflections, x, y, z, ux, uy, uz).
     """
-    lx, ly = borders.lx, borders.ly
+    lx, ly, bounces = borders.lx, borders.ly, 0
     band = w[BAND + i]
     index_out, index_in = index_of(borders, band, -1), index_of(borders, band, 0)
-    bounces = 0
-    rough = False
-    if relief is not None:
-        rough = int(borders.table[0, ROUGH]) >= 0
     while bounces < _MAX_AIR_BOUNCES:
-        nx, ny, nz = 0.0, 0.0, 1.0
-        if rough:
-            if relief is not None:
-                reach = 4.0 * (lx + ly)
-                if uz > 0.0:
-                    reach = (borders.table[0, SAFE_TOP] + 1e-3 - z) / uz
-                elif uz < 0.0:
-                    reach = min(reach, z / -uz + 1e-3)
-                if reach <= 0.0:
-                    return False, bounces, x, y, z, ux, uy, uz
-                s = first_hit(relief.heights[0], relief.bounds[0], lx, ly, x, y, z, ux, uy, uz, reach, -1.0)
-                if s < 0.0:
-                    return False, bounces, x, y, z, ux, uy, uz
-                x, y, z = x + ux * s, y + uy * s, z + uz * s
-                nx, ny, nz = rough_normal(relief.heights[0], lx, ly, x, y)
-        elif started:
-            return False, bounces, x, y, z, ux, uy, uz
-        else:
-            s = (borders.table[0, BORDER_Z] - z) / uz
-            x, y, z = x + ux * s, y + uy * s, borders.table[0, BORDER_Z]
+        reach = 4.0 * (lx + ly)
+        if uz > 0.0:
+            reach = (borders.table[0, SAFE_TOP] + 1e-3 - z) / uz
+        elif uz < 0.0:
+            reach = min(reach, z / -uz + 1e-3)
+        if reach <= 0.0:
+            break
+        s = first_hit(relief.heights[0], relief.bounds[0], lx, ly, x, y, z, ux, uy, uz, reach, -1.0)
+        if s < 0.0:
+            break
+        x, y, z = x + ux * s, y + uy * s, z + uz * s
+        nx, ny, nz = rough_normal(relief.heights[0], lx, ly, x, y)
         cos_i = min(1.0, max(0.0, ux * nx + uy * ny + uz * nz))
         is_reflected, cos_t = split(w, i, cos_i, index_out, index_in)
         if not is_reflected:
@@ -170,9 +157,13 @@ def enter_surface(w, i, borders, relief, x, y, z, ux, uy, uz, started):
             return True, bounces, x, y, z, ux, uy, uz
         bounces += 1
         ux, uy, uz = reflect(ux, uy, uz, nx, ny, nz)
-        if not rough:
-            return False, bounces, x, y, z, ux, uy, uz
     return False, bounces, x, y, z, ux, uy, uz
+
+
+@inlined_kernel
+def _wrapped(x, period):
+    """x in [0, period]; a division only where it is outside."""
+    return x if 0.0 <= x < period else x - period * math.floor(x / period)
 
 
 @inlined_kernel
@@ -180,8 +171,7 @@ def place(f, w, i, borders, majorant, relief, region, x, y, z, ux, uy, uz, rough
     """Puts lane i at (x, y, z) in a region; on a height field just inside, measured at the rounded position."""
     lx, ly = borders.lx, borders.ly
     if borders.sides == PERIODIC:
-        x -= lx * math.floor(x / lx)
-        y -= ly * math.floor(y / ly)
+        x, y = _wrapped(x, lx), _wrapped(y, ly)
     f[X + i] = min(max(x, 0.0), lx)
     f[Y + i] = min(max(y, 0.0), ly)
     if relief is not None:
@@ -272,11 +262,11 @@ def meet_border(f, w, i, borders, majorant, relief, region, k, side, x, y, z, ux
         if side < 0 and k == borders.table.shape[0] - 1:
             left = LEFT_BOTTOM
         elif side > 0 and k == 0:
-            entered, _, x, y, z, ux, uy, uz = enter_surface(
-                w, i, borders, relief, x, y, z, ux, uy, uz, np.bool_(True)
-            )
-            into, inside_sign = np.int64(0), 1.0
-            left = INSIDE if entered else LEFT_TOP
+            into, inside_sign, left = np.int64(0), 1.0, LEFT_TOP
+            if relief is not None:
+                if rough >= 0:
+                    entered, _, x, y, z, ux, uy, uz = enter_surface(w, i, borders, relief, x, y, z, ux, uy, uz)
+                    left = INSIDE if entered else LEFT_TOP
     if left != INSIDE:
         f[X + i], f[Y + i], f[UX + i], f[UY + i], f[UZ + i] = x, y, ux, uy, uz
         return left

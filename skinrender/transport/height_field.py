@@ -162,6 +162,8 @@ def first_hit(heights, cells, lx, ly, x, y, z, ux, uy, uz, s_max, side):
     if dy < 0.0 and gy == cy:
         cy -= 1
     s_in, next_x, next_y = 0.0, lateral_exit(gx, dx, cx), lateral_exit(gy, dy, cy)
+    across_x, across_y = 1.0 / abs(dx) if dx != 0.0 else 0.0, 1.0 / abs(dy) if dy != 0.0 else 0.0
+    turn_x, turn_y = 1 if dx > 0.0 else -1, 1 if dy > 0.0 else -1
     while s_in < s_max:
         s_out = max(s_in, min(min(next_x, next_y), s_max))
         z_in, z_out = z + uz * s_in, z + uz * s_out
@@ -177,12 +179,12 @@ def first_hit(heights, cells, lx, ly, x, y, z, ux, uy, uz, s_max, side):
             )  # fmt: skip
             if t >= 0.0:
                 return s_in + t * (s_out - s_in)
-        if next_x <= next_y:
-            cx += 1 if dx > 0.0 else -1
-            next_x = lateral_exit(gx, dx, cx)
-        else:
-            cy += 1 if dy > 0.0 else -1
-            next_y = lateral_exit(gy, dy, cy)
+        # without a branch: over which side a flight goes on cannot be guessed
+        over_x = next_x <= next_y
+        cx += turn_x if over_x else 0
+        cy += 0 if over_x else turn_y
+        next_x += across_x if over_x else 0.0
+        next_y += 0.0 if over_x else across_y
         s_in = s_out
     return -1.0
 

@@ -11,28 +11,17 @@ from typing import NamedTuple
 import numpy as np
 
 from skinrender.transport import block_kernel, kernel
-from skinrender.transport.borders import enter_surface, place
 from skinrender.transport.emission import emit
+from skinrender.transport.entrance import enter
 from skinrender.transport.lanes import (
-    BAND,
     EMPTY,
     FRESH,
     LANES,
     LASTING_FLOAT_ROWS,
     LASTING_INT_ROWS,
     LISTED,
-    SLAB_DEPTH,
-    SLABS,
-    STRAIGHT,
-    UNSCATTERED,
-    UX,
-    UY,
-    UZ,
-    X,
-    Y,
     whole_groups,
 )  # fmt: skip
-from skinrender.transport.relief import ROUGH
 from skinrender.transport.rng import seed_words
 from skinrender.transport.tally import EMITTED, REFLECTED, REFLECTED_UNSCATTERED, SPECULAR
 
@@ -66,27 +55,6 @@ def seed(w, n, key, first):
     for i in range(n):
         w0, w1, w2, w3 = seed_words(key, first + i)
         w[i], w[LANES + i], w[2 * LANES + i], w[3 * LANES + i] = w0, w1, w2, w3
-
-
-@kernel
-def enter(f, w, n, band, medium, relief, store_first):
-    """Takes n emitted lanes into the skin; lists those that enter, returns their number."""
-    borders, entered = medium.borders, 0
-    rough = int(borders.table[0, ROUGH])
-    for i in range(n):
-        w[BAND + i] = band
-        is_in, bounces, x, y, z, ux, uy, uz = enter_surface(
-            w, i, borders, relief, np.float64(f[X + i]), np.float64(f[Y + i]), 0.0, np.float64(f[UX + i]),
-            np.float64(f[UY + i]), np.float64(f[UZ + i]), np.bool_(False)
-        )  # fmt: skip
-        if is_in:
-            w[FRESH + i] = UNSCATTERED | (STRAIGHT if bounces == 0 and not store_first else 0)
-            for k in range(2 * SLABS - 1):
-                f[SLAB_DEPTH + k * LANES + i] = medium.slabs[band, k]
-            place(f, w, i, borders, medium.majorant, relief, np.int64(0), x, y, z, ux, uy, uz, rough, 1.0)
-            w[LISTED + entered] = i
-            entered += 1
-    return entered
 
 
 @kernel

@@ -50,7 +50,7 @@ def entering(heights, x, y, direction):
     _, words = new_block(np.float32)
     words[: 4 * LANES] = np.random.default_rng(1).integers(-(2**31), 2**31, 4 * LANES)
     start = (x + direction[0] * top / direction[2], y + direction[1] * top / direction[2], 0.0)
-    entered, bounces, *rest = enter_surface(words, 0, world._borders, world._relief, *start, *direction, False)
+    entered, bounces, *rest = enter_surface(words, 0, world._borders, world._relief, *start, *direction)
     return entered, bounces, np.array(rest[:3]) + [0.0, 0.0, top], np.array(rest[3:])
 
 
