@@ -41,7 +41,7 @@ def clock(typingctx):
 
 
 @numba.njit
-def enter(spent, k, last, broken):
+def add_cycles(spent, k, last, broken):
     """Adds the cycles since `last` to pass k; returns the time."""
     cycles = clock() - last
     if cycles < broken:
@@ -62,7 +62,7 @@ def timed_walk():
             _read_after_calls(node.body, names)
             _read_after_calls(node.orelse, names)
     loop.body.insert(0, ast.parse("last = clock()").body[0])
-    space = {**vars(walk_module), "clock": clock, "enter": enter}
+    space = {**vars(walk_module), "clock": clock, "add_cycles": add_cycles}
     exec(compile(ast.fix_missing_locations(tree), "timed walk", "exec"), space)
     return numba.njit(nogil=True, error_model="numpy", _nrt=False)(space["walk"]), names
 
@@ -70,14 +70,14 @@ def timed_walk():
 def _read_after_calls(body: list[ast.stmt], names: list[str]) -> None:
     for index, statement in reversed(list(enumerate(body))):
         call = getattr(statement, "value", None)
-        if isinstance(call, ast.Call) and ast.unparse(call.args[0]) in ("f", "w"):
+        if isinstance(call, ast.Call) and call.args and ast.unparse(call.args[0]) in ("f", "w"):
             body.insert(index + 1, _reading(len(names), call.func.id))
             names.append(call.func.id)
 
 
 def _reading(k: int, name: str) -> ast.stmt:
     broken = BROKEN_RELAUNCH if name == "relaunch" else BROKEN
-    return ast.parse(f"last = enter(spent, {k}, last, {broken})").body[0]
+    return ast.parse(f"last = add_cycles(spent, {k}, last, {broken})").body[0]
 
 
 def cycles_per_ns() -> float:

@@ -19,6 +19,7 @@ from skinrender.skin.volume import SkinVolume
 from skinrender.transport import tally
 from skinrender.transport.borders import DIELECTRIC, OPEN, PERIODIC, Borders
 from skinrender.transport.emission import collimated_parameters, point_parameters, sky_parameters
+from skinrender.transport.gather import MOST_VOXELS
 from skinrender.transport.lanes import BAND, SLABS, new_block
 from skinrender.transport.launch import Histories
 from skinrender.transport.medium import (
@@ -168,6 +169,11 @@ class PhotonPass:
         v = self.volume
         layer = np.maximum(v.palette_layer.astype(np.int32) - 1, 0)
         grid, majorants = make_grid(v.tissue_index, self._z_edges, real), list(map(self._majorant, range(self.bands)))
+        if grid.palette.size > MOST_VOXELS:
+            raise InputError(
+                f"{grid.palette.size} voxels where tissue varies sideways; a walk can tell {MOST_VOXELS} apart",
+                remedy="Use wider columns, or fewer voxel layers",
+            )
         return make_medium(
             grid, majorants, v.mu_a, v.mu_s, v.g, layer, len(self.layer_names), self._borders, self._z_edges, v.shape[:2],
             v.z_edges_mm[0], real,

@@ -132,12 +132,12 @@ def side_distance(borders, x, y, dx, dy, path):
 def enter_surface(w, i, borders, relief, x, y, z, ux, uy, uz):
     """Follows the photon of lane i in the air above a height field until it enters the skin or escapes upwards.
 
-    Returns (entered, reflections, x, y, z, ux, uy, uz).
+    Returns (entered, x, y, z, ux, uy, uz).
     """
-    lx, ly, bounces = borders.lx, borders.ly, 0
+    lx, ly = borders.lx, borders.ly
     band = w[BAND + i]
     index_out, index_in = index_of(borders, band, -1), index_of(borders, band, 0)
-    while bounces < _MAX_AIR_BOUNCES:
+    for _ in range(_MAX_AIR_BOUNCES):
         reach = 4.0 * (lx + ly)
         if uz > 0.0:
             reach = (borders.table[0, SAFE_TOP] + 1e-3 - z) / uz
@@ -154,10 +154,9 @@ def enter_surface(w, i, borders, relief, x, y, z, ux, uy, uz):
         is_reflected, cos_t = split(w, i, cos_i, index_out, index_in)
         if not is_reflected:
             ux, uy, uz = refract(ux, uy, uz, nx, ny, nz, index_out / index_in, cos_i, cos_t)
-            return True, bounces, x, y, z, ux, uy, uz
-        bounces += 1
+            return True, x, y, z, ux, uy, uz
         ux, uy, uz = reflect(ux, uy, uz, nx, ny, nz)
-    return False, bounces, x, y, z, ux, uy, uz
+    return False, x, y, z, ux, uy, uz
 
 
 @inlined_kernel
@@ -265,7 +264,7 @@ def meet_border(f, w, i, borders, majorant, relief, region, k, side, x, y, z, ux
             into, inside_sign, left = np.int64(0), 1.0, LEFT_TOP
             if relief is not None:
                 if rough >= 0:
-                    entered, _, x, y, z, ux, uy, uz = enter_surface(w, i, borders, relief, x, y, z, ux, uy, uz)
+                    entered, x, y, z, ux, uy, uz = enter_surface(w, i, borders, relief, x, y, z, ux, uy, uz)
                     left = INSIDE if entered else LEFT_TOP
     if left != INSIDE:
         f[X + i], f[Y + i], f[UX + i], f[UY + i], f[UZ + i] = x, y, ux, uy, uz

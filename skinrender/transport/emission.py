@@ -54,22 +54,22 @@ def spherical_rectangle(x0, y0, x1, y1, distance, m0, m2, start, solid_angle, u,
 
 
 @block_kernel
-def from_point(lamp, z_mean, u, v):
-    """One photon of a point lamp where it passes the top plane z = 0 of the volume: (x, y, ux, uy, uz).
+def from_point(lamp, u, v):
+    """One photon of a point lamp where it is aimed at, on the mean plane of the surface: (x, y, ux, uy, uz).
 
-    (u, v) place it in the unit square of the patch's solid angle, on the mean plane at depth `z_mean`.
+    (u, v) place it in the unit square of the patch's solid angle.
     """
     c = RECTANGLE
     height = lamp[c + 4]
     dx, dy = spherical_rectangle(
         lamp[c], lamp[c + 1], lamp[c + 2], lamp[c + 3], height, lamp[c + 5], lamp[c + 6], lamp[c + 7], lamp[c + 8], u, v
     )
-    above, inverse = 1.0 - z_mean / height, 1.0 / np.sqrt(dx * dx + dy * dy + height * height)
-    return lamp[POSITION] + dx * above, lamp[POSITION + 1] + dy * above, dx * inverse, dy * inverse, height * inverse
+    inverse = 1.0 / np.sqrt(dx * dx + dy * dy + height * height)
+    return lamp[POSITION] + dx, lamp[POSITION + 1] + dy, dx * inverse, dy * inverse, height * inverse
 
 
 @block_kernel
-def from_beam(lamp, lx, ly, z_mean, u, v):
+def from_beam(lamp, lx, ly, u, v):
     """As `from_point`, of a collimated beam; (u, v) place it in the unit square of the patch, or on the beam's disc."""
     ux, uy, uz, radius = lamp[DIRECTION], lamp[DIRECTION + 1], lamp[DIRECTION + 2], lamp[RADIUS]
     x, y = u * lx, v * ly
@@ -82,17 +82,14 @@ def from_beam(lamp, lx, ly, z_mean, u, v):
         cx, cy = (ux / lateral, uy / lateral) if lateral > 0.0 else (1.0, 0.0)
         x = lamp[POSITION] + cx * a / uz - cy * b
         y = lamp[POSITION + 1] + cy * a / uz + cx * b
-    back = z_mean / uz
-    return x - ux * back, y - uy * back, ux, uy, uz
+    return x, y, ux, uy, uz
 
 
 @block_kernel
-def from_sky(lx, ly, z_mean, u, v, p, q):
+def from_sky(lx, ly, u, v, p, q):
     """As `from_point`, of a uniform sky; (u, v) place it in the unit square of the patch, (p, q) turn its direction."""
     sin, (cos_azimuth, sin_azimuth) = np.sqrt(p), cos_sin(2.0 * math.pi * q)
-    ux, uy, uz = sin * cos_azimuth, sin * sin_azimuth, np.sqrt(max(1.0 - p, 1e-20))
-    back = z_mean / uz
-    return u * lx - ux * back, v * ly - uy * back, ux, uy, uz
+    return u * lx, v * ly, sin * cos_azimuth, sin * sin_azimuth, np.sqrt(max(1.0 - p, 1e-20))
 
 
 @block_kernel
@@ -109,8 +106,8 @@ def stratum(index, count, tiles_x, tiles_y, u, v):
 
 
 @block_kernel
-def emit(f, w, n, first, count, tiles_x, tiles_y, lamp, lx, ly, z_mean):
-    """Puts n lanes, whose generators have been seeded, where their histories pass the top plane z = 0.
+def emit(f, w, n, first, count, tiles_x, tiles_y, lamp, lx, ly):
+    """Puts n lanes, whose generators have been seeded, where their histories are aimed at, on the mean plane.
 
     They are the histories `first` and on of the `count` of a round.
     """
@@ -118,11 +115,11 @@ def emit(f, w, n, first, count, tiles_x, tiles_y, lamp, lx, ly, z_mean):
     for i in range(n):
         u, v = stratum(np.float64(first + i), count, tiles_x, tiles_y, draw(w, i, LANES), draw(w, i, LANES))
         if kind == POINT:
-            x, y, ux, uy, uz = from_point(lamp, z_mean, u, v)
+            x, y, ux, uy, uz = from_point(lamp, u, v)
         elif kind == COLLIMATED:
-            x, y, ux, uy, uz = from_beam(lamp, lx, ly, z_mean, u, v)
+            x, y, ux, uy, uz = from_beam(lamp, lx, ly, u, v)
         else:
-            x, y, ux, uy, uz = from_sky(lx, ly, z_mean, u, v, draw(w, i, LANES), draw(w, i, LANES))
+            x, y, ux, uy, uz = from_sky(lx, ly, u, v, draw(w, i, LANES), draw(w, i, LANES))
         f[X + i], f[Y + i], f[UX + i], f[UY + i], f[UZ + i] = x, y, ux, uy, uz
 
 

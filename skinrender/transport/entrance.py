@@ -39,22 +39,26 @@ from skinrender.transport.lanes import (
 from skinrender.transport.relief import ROUGH, rough_normal
 from skinrender.transport.rng import draw
 
-# What is found at the surface, in rows that only flights use: its normal, into the skin; 1: it is met, and it is passed.
+# What is found at the surface, in rows that only flights use: its normal, into the skin; 1: it is met, and it is passed. Lanes
+# that are not in have no meaning.
 NX, NY, NZ = PATH, Z_START, EDGE
 IS_MET, IS_IN = BORDER, ENDED
 
 
 @kernel
-def enter(f, w, n, band, medium, relief, store_first):
-    """Takes n emitted lanes of a band into the skin; lists those that enter, returns their number."""
+def enter(f, w, n, band, z_mean, medium, relief, store_first):
+    """Takes n lanes of a band, put on the mean plane at depth z_mean, into the skin; lists those that enter, returns their number.
+
+    What vectorizes takes whole groups, whatever is in their other lanes.
+    """
     borders, whole = medium.borders, whole_groups(n)
     for i in range(whole):
         w[BAND + i] = band
         w[FRESH + i] = UNSCATTERED if store_first else UNSCATTERED | STRAIGHT
     if relief is not None and borders.table[0, ROUGH] >= 0.0:
-        meet_relief(f, w, n, borders, relief)
+        meet_relief(f, w, n, z_mean, borders, relief)
     else:
-        meet_plane(f, w, whole, borders.table[0, BORDER_Z])
+        meet_plane(f, w, whole, z_mean, borders.table[0, BORDER_Z])
     pass_surface(f, w, whole, index_of(borders, band, -1), index_of(borders, band, 0))
     if relief is not None and borders.table[0, ROUGH] >= 0.0:
         enter_later(f, w, n, borders, relief)
@@ -62,10 +66,10 @@ def enter(f, w, n, band, medium, relief, store_first):
 
 
 @block_kernel
-def meet_plane(f, w, n, z):
-    """Flight of n lanes from the top z = 0 to a flat surface."""
+def meet_plane(f, w, n, z_mean, z):
+    """Flight of n lanes to a flat surface at z."""
     for i in range(n):
-        s = z / np.float64(f[UZ + i])
+        s = (z - z_mean) / np.float64(f[UZ + i])
         f[X + i], f[Y + i] = f[X + i] + f[UX + i] * s, f[Y + i] + f[UY + i] * s
         f[Z + i] = z
         f[NX + i], f[NY + i], f[NZ + i] = 0.0, 0.0, 1.0
@@ -73,12 +77,13 @@ def meet_plane(f, w, n, z):
 
 
 @kernel
-def meet_relief(f, w, n, borders, relief):
-    """Flight of n lanes from the top z = 0 to a height field; grazing ones may miss it."""
+def meet_relief(f, w, n, z_mean, borders, relief):
+    """Flight of n lanes from the top z = 0 to a height field, which rounding might let one miss."""
     heights, bounds, lx, ly = relief.heights[0], relief.bounds[0], borders.lx, borders.ly
     for i in range(n):
-        x, y = np.float64(f[X + i]), np.float64(f[Y + i])
         ux, uy, uz = np.float64(f[UX + i]), np.float64(f[UY + i]), np.float64(f[UZ + i])
+        back = z_mean / uz
+        x, y = np.float64(f[X + i]) - ux * back, np.float64(f[Y + i]) - uy * back
         reach = (borders.table[0, SAFE_TOP] + 1e-3) / uz
         s = first_hit(heights, bounds, lx, ly, x, y, 0.0, ux, uy, uz, reach, -1.0)
         f[X + i], f[Y + i], f[Z + i] = x + ux * s, y + uy * s, uz * s
@@ -89,7 +94,10 @@ def meet_relief(f, w, n, borders, relief):
 
 @block_kernel
 def pass_surface(f, w, n, index_out, index_in):
-    """Refracts n lanes at the surface that they have met, or mirrors their directions."""
+    """Refracts n lanes at the surface that they have met, or mirrors them: `fresnel.refract` and `reflect` in one, without a branch.
+
+    Each draws a word, also where nothing can be reflected.
+    """
     eta = index_out / index_in
     for i in range(n):
         ux, uy, uz = np.float64(f[UX + i]), np.float64(f[UY + i]), np.float64(f[UZ + i])
@@ -111,7 +119,7 @@ def enter_later(f, w, n, borders, relief):
             x, y = np.float64(f[X + i]), np.float64(f[Y + i])
             z = height(relief.heights[0], borders.lx, borders.ly, x, y)
             ux, uy, uz = np.float64(f[UX + i]), np.float64(f[UY + i]), np.float64(f[UZ + i])
-            is_in, _, x, y, z, ux, uy, uz = enter_surface(w, i, borders, relief, x, y, z, ux, uy, uz)
+            is_in, x, y, z, ux, uy, uz = enter_surface(w, i, borders, relief, x, y, z, ux, uy, uz)
             f[X + i], f[Y + i], f[Z + i], f[UX + i], f[UY + i], f[UZ + i] = x, y, z, ux, uy, uz
             w[IS_IN + i] = np.int32(is_in)
             w[FRESH + i] = UNSCATTERED
@@ -119,7 +127,7 @@ def enter_later(f, w, n, borders, relief):
 
 @kernel
 def settle(f, w, n, band, medium, relief):
-    """Lets those of n lanes that are in begin their first flight; lists them, returns their number."""
+    """Lets n lanes begin their first flight; lists those that are in, returns their number."""
     borders, entered = medium.borders, 0
     rough = int(borders.table[0, ROUGH])
     for i in range(n):

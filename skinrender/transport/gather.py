@@ -1,6 +1,6 @@
 """Between flight and collision: what tissue each lane has arrived in.
 
-All look-ups in tables are here, each a pass of its own, as are the few operations between them, which vectorize: one loop of
+All look-ups in the volume's tables are here, each a pass of its own, as are the few operations between them, which vectorize: one loop of
 five dependent look-ups took 1.6 times as long, as the processor overlaps fewer lanes.
 
 The volume is read through bricks of 16 x 16 columns of one voxel plane: a uniform brick is one palette entry, so that a walk
@@ -37,8 +37,8 @@ from skinrender.transport.vectors import DEALT, deal_rows
 class Grid(NamedTuple):
     """The voxels, for all bands alike.
 
-    coarse_plane (cells,) uint16: first plane of each coarse depth cell; edges_in_cell: most edges of planes that lie between
-    that plane and a depth in the cell, 0 where cells end on all edges; next_edge (planes,): lower edge of each plane, mm from
+    coarse_plane (cells,) int32: first plane of each coarse depth cell; edges_in_cell: most edges of planes that lie between
+    that plane and a depth in the cell, 0 where cells end on all edges (to a rounding of the depth); next_edge (planes,): lower edge of each plane, mm from
     the top, the last one infinite; brick (bricks_x * bricks_y * planes) int32, those of a column together: where it begins in
     `palette`, of a brick that is not uniform with the sign bit set too; palette uint16: the entries in order, which uniform
     bricks share, then the voxels of the other bricks.

@@ -22,7 +22,9 @@ LIFT_MM = 1e-12
 """A start on the surface is lifted this far to its own side: more than rounding, less than the accuracy of a hit."""
 
 START_TOLERANCE_MM = 1e-5
-"""A start at most this far on the wrong side is put on the surface (positions may have been float32)."""
+START_ROUNDING = 2.0**-22
+"""A start at most START_TOLERANCE_MM + START_ROUNDING (lx + ly) on the wrong side is put on the surface: its position may have
+been float32."""
 
 
 def cell_bounds(heights: np.ndarray) -> np.ndarray:
@@ -142,16 +144,17 @@ def first_hit(heights, cells, lx, ly, x, y, z, ux, uy, uz, s_max, side):
     Returns
     -------
     s : mm, with |f(s)| <= 1e-10 mm; -1.0 when there is no crossing; 0.0 when the start is beyond
-        `START_TOLERANCE_MM` on the other side already.
+        the tolerance on the other side already.
     """
     hx, hy = heights.shape
     gx, gy = x * (hx / lx), y * (hy / ly)
     dx, dy = ux * (hx / lx), uy * (hy / ly)
     cx, cy = math.floor(gx), math.floor(gy)
     i, j = np.uint64(_periodic(cx, hx)), np.uint64(_periodic(cy, hy))
-    if cells[i, j, 0] - START_TOLERANCE_MM <= z <= cells[i, j, 1] + START_TOLERANCE_MM:
+    tolerance = START_TOLERANCE_MM + START_ROUNDING * (lx + ly)
+    if cells[i, j, 0] - tolerance <= z <= cells[i, j, 1] + tolerance:
         start = side * (z - height(heights, lx, ly, x, y))
-        if start < -START_TOLERANCE_MM:
+        if start < -tolerance:
             return 0.0
         if start < LIFT_MM:
             z += side * (LIFT_MM - start)
@@ -179,7 +182,8 @@ def first_hit(heights, cells, lx, ly, x, y, z, ux, uy, uz, s_max, side):
             )  # fmt: skip
             if t >= 0.0:
                 return s_in + t * (s_out - s_in)
-        # without a branch: over which side a flight goes on cannot be guessed
+        # without a branch, as over which side a flight goes on cannot be guessed; in long flights the sums drift by some 1e-8
+        # cells, which a C1 surface does not mind
         over_x = next_x <= next_y
         cx += turn_x if over_x else 0
         cy += 0 if over_x else turn_y

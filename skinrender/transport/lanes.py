@@ -26,7 +26,7 @@ Z_SAFE_TOP, Z_SAFE_BOTTOM = 7 * LANES, 8 * LANES  # between these no border can 
 SLABS = 5  # of the majorant, at most; the next rows hold those of the lane's band, see `medium.flight_constants`
 SLAB_DEPTH, FREE_PATH = 9 * LANES, (8 + SLABS) * LANES
 LASTING_FLOAT_ROWS = 8 + 2 * SLABS
-# Those that one pass tells a later one
+# Those that one pass tells a later one; where histories arrive, `entrance` uses some of them otherwise
 PATH = LASTING_FLOAT_ROWS * LANES  # length of the flight just made (mm)
 Z_START = (LASTING_FLOAT_ROWS + 1) * LANES  # z at the start of that flight
 EDGE = (LASTING_FLOAT_ROWS + 2) * LANES  # lower edge of a voxel plane (mm)
@@ -39,7 +39,7 @@ BAND = 4 * LANES  # wavelength band
 REGION = 5 * LANES  # which layer between two borders with an index step
 FRESH = 6 * LANES  # bit 0: path is one straight refracted passage so far; bit 1: never scattered
 LASTING_INT_ROWS = 7
-# Those that one pass tells a later one
+# Those that one pass tells a later one; where histories arrive, `entrance` uses some of them otherwise
 BORDER = 7 * LANES  # 1: the flight may have met a border; after `cross`, 1: it ended on one
 OVER = 8 * LANES  # row of `relief.Relief.around`
 BRICKS, IN_BRICK = 9 * LANES, 10 * LANES  # first brick of the voxel's column, then its brick; and the column in it

@@ -59,9 +59,9 @@ def seed(w, n, key, first):
 
 @kernel
 def arrive(f, w, source, medium, relief, tally, state):
-    """Lets the next histories enter the skin, as many of a band as there are lanes; those listed in w have.
+    """Lets the next histories enter the skin, as many of a band as there are lanes; lists those that did.
 
-    None has, when none is left. Light that never enters is tallied as specular.
+    There are none when no history is left. Light that never enters is tallied as specular.
     """
     borders = medium.borders
     state[ARRIVED], state[LAUNCHED] = 0, 0
@@ -73,11 +73,8 @@ def arrive(f, w, source, medium, relief, tally, state):
             state[BAND_NEXT], state[HISTORY_NEXT] = band + 1, 0
         whole = whole_groups(n)
         seed(w, whole, source.key[band], source.first[band] + index)
-        emit(
-            f, w, whole, index, source.count[band], source.tiles_x, source.tiles_y, source.lamp, borders.lx, borders.ly,
-            source.z_mean
-        )
-        state[ARRIVED] = enter(f, w, n, band, medium, relief, source.store_first)
+        emit(f, w, whole, index, source.count[band], source.tiles_x, source.tiles_y, source.lamp, borders.lx, borders.ly)
+        state[ARRIVED] = enter(f, w, n, band, source.z_mean, medium, relief, source.store_first)
         specular = n - state[ARRIVED]
         tally[band, EMITTED] += n
         tally[band, REFLECTED] += specular

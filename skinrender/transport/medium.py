@@ -10,17 +10,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skinrender.errors import InputError
 from skinrender.transport.borders import Borders
 from skinrender.transport.bricks import BRICK
-from skinrender.transport.gather import MOST_VOXELS, ROW, Grid
+from skinrender.transport.gather import ROW, Grid
 from skinrender.transport.height_field import bulge_bound, cell_bounds
 from skinrender.transport.lanes import SLABS
 from skinrender.transport.relief import NEAR, TILE, Relief
 
 _COARSE_CELLS = 4096
+"""Depth cells, at most; as many where they do not end on the edges of the planes."""
 _MOST_PARTS = 10
-"""Of the thinnest plane that all edges may be multiples of."""
+"""Cells that the thinnest plane may be cut into, so that they end on the edges of all."""
 _MOST_RUNS = 512
 """Planes of different extinction among which slabs may begin; with more, every second or third of them."""
 _WORD = 2.0**32
@@ -60,8 +60,6 @@ def make_grid(palette_index: np.ndarray, z_edges_mm: np.ndarray, real: type) -> 
     varied = entries.size + BRICK * BRICK * (np.cumsum(~uniform) - 1)
     brick = np.where(uniform, cells[:, 0], varied - 2**31).astype(np.int32)
     palette = np.concatenate([entries, cells[~uniform].ravel()])
-    if palette.size > MOST_VOXELS:
-        raise InputError(f"{palette.size} voxels in bricks that are not of one tissue, more than {MOST_VOXELS}", remedy="Use larger voxels")
 
     coarse, edges_in_cell = _coarse_planes(z_edges_mm)
     next_edge = np.append(z_edges_mm[1:-1], np.inf).astype(real)
@@ -74,17 +72,19 @@ def _coarse_planes(z_edges_mm: np.ndarray) -> tuple[np.ndarray, int]:
     cells = _cells_between_edges(z_edges_mm)
     if cells is not None:
         middle = (np.arange(cells) + 0.5) * (z_edges_mm[-1] / cells)
-        return (np.searchsorted(z_edges_mm, middle) - 1).astype(np.uint16), 0
+        return (np.searchsorted(z_edges_mm, middle) - 1).astype(np.int32), 0
     top = np.arange(_COARSE_CELLS) * (z_edges_mm[-1] / _COARSE_CELLS)
     # one cell above and one below: a rounded product may fall into the next cell
     first = np.searchsorted(z_edges_mm, np.concatenate([[0.0], top[:-1]]), side="right") - 1
     last = np.searchsorted(z_edges_mm, np.append(top[2:], [np.inf] * 2), side="right") - 1
-    return np.clip(first, 0, planes - 1).astype(np.uint16), int((last - first).max())
+    return np.clip(first, 0, planes - 1).astype(np.int32), int((last - first).max())
 
 
 def _cells_between_edges(z_edges_mm: np.ndarray) -> int | None:
-    """Number of equal cells that end on all edges of the planes; None without a few thousand such."""
+    """Number of equal cells that end on all edges of the planes; None where that takes more than _COARSE_CELLS."""
     thinnest = np.diff(z_edges_mm).min()
+    if thinnest * _COARSE_CELLS < z_edges_mm[-1]:
+        return None
     for parts in range(1, _MOST_PARTS + 1):
         at = z_edges_mm * (parts / thinnest)
         cells = round(at[-1])

@@ -171,7 +171,7 @@ def walls(folder, depth_um: float, histories: int, seeds: int) -> tuple[np.ndarr
 
 
 def test_walls_of_a_furrow_keep_their_shading(tmp_path):
-    beam, exact = walls(tmp_path, 60.0, 300, 5)
+    beam, exact = walls(tmp_path, 60.0, 500, 5)
     error = np.std(beam - exact, axis=0, ddof=1) / math.sqrt(len(beam))
     off = (beam - exact).mean(axis=0)
     assert np.ptp(exact.mean(axis=0)) > 0.2

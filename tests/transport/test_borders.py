@@ -11,13 +11,14 @@ from skinrender.estimate.deposit import unpack_direction
 from skinrender.photonmap.photon_pass import PhotonPass
 from skinrender.skin.spline import control_points, evaluate_grid
 from skinrender.transport import kernel, lanes, tally
-from skinrender.transport.borders import enter_surface
-from skinrender.transport.fresnel import fresnel
+from skinrender.transport.entrance import IS_IN, IS_MET, NX, NY, NZ, enter, pass_surface
+from skinrender.transport.fresnel import fresnel, reflect, refract
 from skinrender.transport.height_field import first_hit, height
 from skinrender.transport.lanes import LANES, new_block
 from skinrender.transport.medium import make_relief
 from skinrender.transport.relief import OFFSET_MM, below_all_around, below_each_bulge, look_around
 from tests.stats import assert_same_means, assert_share
+from tests.transport.block import row
 from tests.volumes import Layer, beam, fractions, furrow, sky, slab_volume, walk_rounds
 
 N_TISSUE = 1.4
@@ -44,14 +45,16 @@ def snell(direction, normal, eta):
 
 
 def entering(heights, x, y, direction):
-    """Fate of a photon aimed at (x, y) on z = 0 from above a relief: (entered, reflections, point, direction)."""
+    """Fate of a history aimed at (x, y) on the mean plane: (whether it is in, without a reflection before, point, direction)."""
     volume = slab_volume([Layer(2.0, 1.0, 1.0, n=N_TISSUE)], surface=heights)
-    world, top = PhotonPass(volume, beam(), 1), volume.z_edges_mm[0]
-    _, words = new_block(np.float32)
-    words[: 4 * LANES] = np.random.default_rng(1).integers(-(2**31), 2**31, 4 * LANES)
-    start = (x + direction[0] * top / direction[2], y + direction[1] * top / direction[2], 0.0)
-    entered, bounces, *rest = enter_surface(words, 0, world._borders, world._relief, *start, *direction)
-    return entered, bounces, np.array(rest[:3]) + [0.0, 0.0, top], np.array(rest[3:])
+    world, top = PhotonPass(volume, beam(), 1, real=np.float64), volume.z_edges_mm[0]
+    f, w = new_block(np.float64)
+    w[: 4 * LANES] = np.random.default_rng(1).integers(-(2**31), 2**31, 4 * LANES)
+    for start, value in zip((lanes.X, lanes.Y, lanes.UX, lanes.UY, lanes.UZ), (x, y, *direction)):
+        f[start] = value
+    entered = enter(f, w, 1, 0, -top, world._medium(np.float64), world._relief, False)
+    point, out = (np.array([f[start] for start in rows]) for rows in ((lanes.X, lanes.Y, lanes.Z), (lanes.UX, lanes.UY, lanes.UZ)))
+    return entered == 1, w[lanes.FRESH] & lanes.STRAIGHT != 0, point + [0.0, 0.0, top], out
 
 
 def direction_of(zenith_deg, azimuth_deg):
@@ -66,11 +69,40 @@ def test_tilted_interface_refracts_by_snells_law(slopes, zenith):
     normal = np.array([-slopes[0], -slopes[1], 1.0]) / np.hypot(1.0, np.hypot(*slopes))
     flown = direction_of(zenith, 200.0)
     for x, y in ((0.5, 0.5), (0.42, 0.61), (0.333, 0.48)):
-        entered, bounces, point, out = entering(heights, x, y, flown)
-        assert entered and bounces == 0
-        assert point[2] == pytest.approx(slopes[0] * (point[0] - 0.5) + slopes[1] * (point[1] - 0.5), abs=1e-7)
-        assert np.cross(point - [x, y, 0.0], flown) == pytest.approx(0.0, abs=1e-7)
+        entered, straight, point, out = entering(heights, x, y, flown)
+        assert entered and straight
+        assert point[2] == pytest.approx(slopes[0] * (point[0] - 0.5) + slopes[1] * (point[1] - 0.5) + OFFSET_MM, abs=1e-7)
+        assert np.cross(point - [x, y, OFFSET_MM], flown) == pytest.approx(0.0, abs=1e-7)
         assert out == pytest.approx(snell(flown, normal, 1.0 / N_TISSUE), abs=1e-6)
+
+
+@pytest.mark.parametrize("index_out, index_in", [(1.0, 1.4), (1.4, 1.4), (1.5, 1.0)])
+def test_the_surface_is_passed_by_fresnel_and_snell(index_out, index_in):
+    """A lane at a time: reflectance in the share of lanes, and both directions by their formulas; total reflection too."""
+    rng = np.random.default_rng(3)
+    f, w = new_block(np.float64)
+    w[: 4 * LANES] = rng.integers(-(2**31), 2**31, 4 * LANES)
+    u, n = (each / np.linalg.norm(each, axis=0) for each in rng.normal(size=(2, 3, LANES)))
+    n *= np.sign((u * n).sum(axis=0))
+    for starts, values in (((lanes.UX, lanes.UY, lanes.UZ), u), ((NX, NY, NZ), n)):
+        for start, value in zip(starts, values):
+            row(f, start)[:] = value
+    is_met = rng.random(LANES) < 0.9
+    row(w, IS_MET)[:] = is_met
+    pass_surface(f, w, LANES, index_out, index_in)
+    eta, expected, variance = index_out / index_in, 0.0, 0.0
+    for i in range(LANES):
+        cos_i = (u[:, i] * n[:, i]).sum()
+        reflectance, cos_t = fresnel(cos_i, eta)
+        expected, variance = expected + reflectance, variance + reflectance * (1.0 - reflectance)
+        out = np.array([f[start + i] for start in (lanes.UX, lanes.UY, lanes.UZ)])
+        is_mirrored = (out * n[:, i]).sum() < 0.0
+        assert w[IS_IN + i] == (is_met[i] and not is_mirrored)
+        right = reflect(*u[:, i], *n[:, i]) if is_mirrored else refract(*u[:, i], *n[:, i], eta, cos_i, cos_t)
+        assert out == pytest.approx(right, abs=1e-12)
+        assert is_mirrored or reflectance < 1.0
+    mirrored = np.count_nonzero(sum(row(f, start) * value for start, value in zip((lanes.UX, lanes.UY, lanes.UZ), n)) < 0.0)
+    assert abs(mirrored - expected) <= 4.0 * np.sqrt(variance)
 
 
 def test_spherical_dent_refracts_by_snells_law_at_the_exact_normal():
@@ -79,8 +111,8 @@ def test_spherical_dent_refracts_by_snells_law_at_the_exact_normal():
     center = np.array([0.5, 0.5, -np.sqrt(radius**2 - rim**2)])
     for zenith, x, y in ((0.0, 0.5, 0.5), (0.0, 0.62, 0.45), (20.0, 0.41, 0.55), (35.0, 0.3, 0.5)):
         flown = direction_of(zenith, 15.0)
-        entered, bounces, point, out = entering(heights, x, y, flown)
-        assert entered and bounces == 0
+        entered, straight, point, out = entering(heights, x, y, flown)
+        assert entered and straight
         assert np.linalg.norm(point - center) == pytest.approx(radius, abs=2e-6)
         normal = (point - center) / radius
         assert out == pytest.approx(snell(flown, normal, 1.0 / N_TISSUE), abs=2e-4)
@@ -177,6 +209,13 @@ def test_steep_walls_lose_no_photon(surface, light):
     assert sum(one.tallies[0, tally.REFLECTED] for one in walked) > 0
 
 
+def test_steep_walls_of_a_very_wide_patch_lose_no_photon():
+    """Positions are rounded to 3e-5 mm there: all that enters a clear, matched block has to leave it below."""
+    wide = slab_volume([Layer(400.0, 0.0, 0.0, n=1.0)], surface=furrow(90.0, 140.0, size=700.0), size=(700.0, 700.0), planes=[4])
+    walked = walk_rounds(PhotonPass(wide, beam(30.0, 20.0), 4), 4000)[0].tallies[0]
+    assert walked[tally.TRANSMITTED] == 4000
+
+
 @pytest.mark.parametrize("light", [beam(0.0), beam(75.0), sky()], ids=["normal", "oblique", "sky"])
 def test_clear_relief_as_inner_border_is_the_same_relief(light):
     """The surface's code against the inner border's: a layer of index 1 above the same height field."""
@@ -220,9 +259,9 @@ def test_zero_relief_reflects_as_none():
     assert_same_means(*walks)
 
 
-def both_ways(zenith, n, outside=1.0):
-    """Reflectance of a clear plate between equal media, all reflections inside included."""
-    r = fresnel(np.cos(np.radians(zenith)), outside / n)[0]
+def both_ways(zenith, n):
+    """Reflectance of a clear plate in air, all reflections inside included."""
+    r = fresnel(np.cos(np.radians(zenith)), 1.0 / n)[0]
     return 2.0 * r / (1.0 + r)
 
 

@@ -32,31 +32,31 @@ SIZE = (2.0, 1.0)
 
 
 @kernel
-def one_emitted(lamp, lx, ly, z_mean, u, v, p, q):
+def one_emitted(lamp, lx, ly, u, v, p, q):
     """(x, y, ux, uy, uz) of the lamp for given variates."""
     if lamp[KIND] == POINT:
-        return from_point(lamp, z_mean, u, v)
+        return from_point(lamp, u, v)
     if lamp[KIND] == COLLIMATED:
-        return from_beam(lamp, lx, ly, z_mean, u, v)
-    return from_sky(lx, ly, z_mean, u, v, p, q)
+        return from_beam(lamp, lx, ly, u, v)
+    return from_sky(lx, ly, u, v, p, q)
 
 
 @kernel
-def emitted(lamp, lx, ly, z_mean, u, out):
+def emitted(lamp, lx, ly, u, out):
     """Photons of the lamp for given variates (n, 4)."""
     for i in range(u.shape[0]):
         out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = one_emitted(
-            lamp, lx, ly, z_mean, u[i, 0], u[i, 1], u[i, 2], u[i, 3]
+            lamp, lx, ly, u[i, 0], u[i, 1], u[i, 2], u[i, 3]
         )
 
 
-def photons(light, n=100_000, size=SIZE, z_mean=0.0, seed=1):
-    """Photons (n, 5) where they pass z = 0, and where they meet the mean plane."""
+def photons(light, n=100_000, size=SIZE, seed=1):
+    """Photons (n, 5), and where they meet the mean plane."""
     out = np.empty((n, 5))
-    emitted(light, *size, z_mean, np.random.default_rng(seed).random((n, 4)), out)
+    emitted(light, *size, np.random.default_rng(seed).random((n, 4)), out)
     assert np.isfinite(out).all()
     assert np.allclose((out[:, 2:] ** 2).sum(axis=1), 1.0, atol=1e-9)
-    return out, out[:, :2] + out[:, 2:4] * (z_mean / out[:, 4])[:, None]
+    return out, out[:, :2]
 
 
 def counts_on_patch(at, size=SIZE, bins=(21, 11)):
@@ -92,7 +92,7 @@ def test_point_lamp_is_uniform_over_the_solid_angle_of_the_patch(name, z_mean):
     """On the patch that is a density of cos / distance^2."""
     position, size = LAMPS[name]
     lamp = point_parameters((*position[:2], position[2] + z_mean), size, z_mean)
-    out, at = photons(lamp, size=size, z_mean=z_mean)
+    out, at = photons(lamp, size=size)
     assert_fits(counts_on_patch(at, size).ravel(), solid_angle_shares(np.array(position), size).ravel(), 2 * len(LAMPS))
     to_patch = np.concatenate([at, np.zeros((len(at), 1))], axis=1) - position
     assert np.allclose(out[:, 2:], to_patch / np.linalg.norm(to_patch, axis=1)[:, None], atol=1e-9)
@@ -108,14 +108,14 @@ def test_corners_of_the_square_are_the_corners_of_the_patch():
 def test_collimated_light_is_uniform_over_the_patch(zenith):
     sin, cos = np.sin(np.radians(zenith)), np.cos(np.radians(zenith))
     direction = (0.6 * sin, -0.8 * sin, cos)
-    out, at = photons(collimated_parameters((1.0, 0.5), direction, None), z_mean=0.1)
+    out, at = photons(collimated_parameters((1.0, 0.5), direction, None))
     assert np.allclose(out[:, 2:], direction)
     assert_fits(counts_on_patch(at).ravel(), np.full(231, 1 / 231), 3)
 
 
 def test_tilted_disc_is_uniform_across_the_beam():
     direction, radius = np.array([0.48, 0.64, 0.6]), 0.25
-    out, at = photons(collimated_parameters((1.0, 0.5), direction, radius), z_mean=0.2)
+    out, at = photons(collimated_parameters((1.0, 0.5), direction, radius))
     from_axis = np.concatenate([at - [1.0, 0.5], np.zeros((len(at), 1))], axis=1)
     across = from_axis - (from_axis @ direction)[:, None] * direction
     distance = np.linalg.norm(across, axis=1)
@@ -128,7 +128,7 @@ def test_tilted_disc_is_uniform_across_the_beam():
 
 
 def test_pencil_meets_the_mean_plane_in_its_point():
-    _, at = photons(collimated_parameters((0.7, 0.2), (0.6, 0.0, 0.8), 0.0), n=100, z_mean=0.3)
+    _, at = photons(collimated_parameters((0.7, 0.2), (0.6, 0.0, 0.8), 0.0), n=100)
     assert np.allclose(at, [0.7, 0.2])
 
 
@@ -142,7 +142,7 @@ def test_sky_is_uniform_over_the_patch_and_cosine_distributed():
 
 def test_lamps_of_given_variates():
     def one(light, *u):
-        return one_emitted(light, *SIZE, 0.0, *u)
+        return one_emitted(light, *SIZE, *u)
 
     assert one(sky_parameters(), 0.25, 0.5, 0.36, 0.25) == pytest.approx([0.5, 0.5, 0.0, 0.6, 0.8])
     disc = collimated_parameters((1.0, 0.5), (0.0, 0.0, 1.0), 0.4)
@@ -191,12 +191,12 @@ def test_lanes_are_emitted_by_their_own_variates(lamp, real, tolerance):
     f, w = new_block(real)
     seed(w, LANES, stream_key(1, 2, 3), first)
     words = w.copy()
-    emit(f, w, LANES, first, count, *tiles, lamp, *SIZE, 0.1)
+    emit(f, w, LANES, first, count, *tiles, lamp, *SIZE)
     for i in range(0, LANES, 17):
         u, v = stratum(float(first + i), count, *tiles, *(draw(words, i, LANES) for _ in range(2)))
         p, q = (draw(words, i, LANES) for _ in range(2)) if lamp == sky_parameters() else (0.0, 0.0)
         found = [row(f, start)[i] for start in (lanes.X, lanes.Y, lanes.UX, lanes.UY, lanes.UZ)]
-        assert found == pytest.approx(one_emitted(lamp, *SIZE, 0.1, u, v, p, q), abs=tolerance)
+        assert found == pytest.approx(one_emitted(lamp, *SIZE, u, v, p, q), abs=tolerance)
     assert np.array_equal(w[: 4 * LANES].reshape(4, -1)[:, ::17], words[: 4 * LANES].reshape(4, -1)[:, ::17])
 
 
@@ -207,7 +207,7 @@ def test_a_history_is_emitted_the_same_in_any_lane(lamp):
     for first, n in ((700, LANES), (700 + 3 * GROUP, GROUP), (700 + GROUP + 7, 3 * GROUP)):
         f, w = new_block(np.float32)
         seed(w, n, stream_key(1, 2, 3), first)
-        emit(f, w, n, first, 2000, 3, 2, lamp, *SIZE, 0.1)
+        emit(f, w, n, first, 2000, 3, 2, lamp, *SIZE)
         lane = 3 * GROUP + 700 - first
         seen.append([row(f, start)[lane : lane + GROUP - 7].tobytes() for start in (lanes.X, lanes.Y, lanes.UX, lanes.UY, lanes.UZ)])
     assert seen[0] == seen[1] == seen[2]

@@ -13,6 +13,7 @@ from skinrender.transport.lanes import LANES, SLABS, new_block
 from skinrender.transport.medium import (
     block_type,
     choose_slabs,
+    make_grid,
     make_majorant,
 )  # fmt: skip
 from skinrender.transport.move import fly
@@ -67,6 +68,17 @@ def test_slabs_of_very_many_planes_are_bounds_still():
     mu_t, edges = rng.uniform(1.0, 50.0, 8000), np.linspace(0.0, 0.4, 8001)
     majorant, plane_slab = make_majorant(mu_t, edges)
     assert np.all(majorant[plane_slab, 2] >= mu_t)
+
+
+@pytest.mark.parametrize("edges", [np.linspace(0.0, 70.0, 70_001), np.array([0.0, 1.0, 1.0, 2.0]), np.array([0.0, 1e-9, 1e5])])
+def test_coarse_planes_of_odd_stacks(edges):
+    """Very many planes, an empty one, one far thinner than a cell."""
+    index = np.zeros((1, 1, edges.size - 1), np.uint16)
+    grid = make_grid(index, edges, np.float64)
+    cells = grid.coarse_plane.size
+    middle = (np.arange(cells) + 0.5) * edges[-1] / cells
+    plane = np.searchsorted(edges, middle, side="right") - 1
+    assert np.all((grid.coarse_plane <= plane) & (plane <= grid.coarse_plane + grid.edges_in_cell))
 
 
 def depth_error_mm(mu_t, edges):
