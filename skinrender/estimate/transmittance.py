@@ -92,7 +92,8 @@ def record_stretches(
     """Members `entry`, `path` and `count` of `Stretches` of the rays first..last-1.
 
     clearest (P,) : least extinction of any band, 1/mm. Beyond `deepest` of it a slab is one opaque stretch; no flight of
-    `longest` mm is less deep, so that a level ray, which may fly through a slab for meters, is followed no further.
+    `longest` mm is less deep, so that a level ray, which may fly through a slab for meters, is followed no further: the rest of
+    the slab is taken to be like what was seen, as optical depth is interpolated within slabs.
     """
     slabs, (nx, ny, nz) = path_edges.shape[0] - 1, palette_index.shape
     entries, paths = np.empty(64 * (last - first), np.int32), np.empty(64 * (last - first), np.float32)
@@ -112,6 +113,7 @@ def record_stretches(
                 _record_each(palette_index, z_edges, lx, ly, x, y, z, ux, uy, uz, seen, (entries, paths, state))
                 for k in range(start, state[0]):
                     tau += clearest[entries[k]] * paths[k]
+                    paths[k] *= length / seen
             else:
                 _record((entries, paths, state), clearest.size, deepest)
             count[q - first, s] = state[0] - start

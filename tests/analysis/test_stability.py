@@ -27,7 +27,7 @@ from skinrender.errors import InputError
 
 FAST = (
     "neither absorption*", "g = 0*", "index 1 + 1e-9*", "grazing light, *", "1 um of ink*", "a map of one*", "no light*",
-    "light beyond*", "pictures of one*",
+    "light beyond*", "pictures of one*", "grazing camera*",
 )  # fmt: skip
 
 
