@@ -151,14 +151,8 @@ def first_hit(heights, cells, lx, ly, x, y, z, ux, uy, uz, s_max, side):
     dx, dy = ux * (hx / lx), uy * (hy / ly)
     cx, cy = math.floor(gx), math.floor(gy)
     i, j = np.uint64(_periodic(cx, hx)), np.uint64(_periodic(cy, hy))
-    tolerance = START_TOLERANCE_MM + START_ROUNDING * (lx + ly)
-    if cells[i, j, 0] - tolerance <= z <= cells[i, j, 1] + tolerance:
-        start = side * (z - height(heights, lx, ly, x, y))
-        if start < -tolerance:
-            return 0.0
-        if start < LIFT_MM:
-            z += side * (LIFT_MM - start)
-    elif (z < cells[i, j, 0]) == (side > 0.0):
+    z, is_beyond = _on_its_side(heights, cells[i, j, 0], cells[i, j, 1], lx, ly, x, y, z, side)
+    if is_beyond:
         return 0.0
     if dx < 0.0 and gx == cx:
         cx -= 1
@@ -191,6 +185,16 @@ def first_hit(heights, cells, lx, ly, x, y, z, ux, uy, uz, s_max, side):
         next_y += 0.0 if over_x else across_y
         s_in = s_out
     return -1.0
+
+
+@inlined_kernel
+def _on_its_side(heights, low, high, lx, ly, x, y, z, side):
+    """z of a start, lifted off the surface; whether it is on the other side. low, high: bounds of its cell."""
+    tolerance = START_TOLERANCE_MM + START_ROUNDING * (lx + ly)
+    if low - tolerance <= z <= high + tolerance:
+        start = side * (z - height(heights, lx, ly, x, y))
+        return z + side * max(LIFT_MM - start, 0.0), start < -tolerance
+    return z, (z < low) == (side > 0.0)
 
 
 @kernel
