@@ -30,6 +30,7 @@ from skinrender.transport.lanes import (
     VOXEL,
     G,
     Z,
+    look_up,
 )
 from skinrender.transport.vectors import DEALT, deal_rows
 
@@ -57,17 +58,6 @@ MOST_VOXELS = np.int32(2**31 - 1)
 """In `Grid.palette`; also the bits of a brick that say where it begins."""
 ROW = 4
 """Words of a row of `Medium.rows`: thresholds of the collision's word, bits of the float32 anisotropy, tissue layer."""
-
-
-@kernel
-def look_up(table, w, at, out, to, n):
-    """out[to:] = table[w[at:]] of n lanes.
-
-    Indices are unsigned: numba's test for negative ones costs as much as the look-up.
-    """
-    at, to = np.uint64(at), np.uint64(to)
-    for i in range(np.uint64(n)):
-        out[to + i] = table[np.uint64(w[at + i])]
 
 
 @kernel

@@ -66,7 +66,7 @@ def clear_by_depth(f, w, marked, borders, relief):
     """Clears the mark of flights that are deeper than the height field over their region is anywhere around; returns
     how many stay marked.
 
-    The lanes are those that `walk.list_lanes` lists. Without branches, as `clear_by_bulge`: which flights pass is so
+    The lanes are those that `list_lanes` lists. Without branches, as `clear_by_bulge`: which flights pass is so
     random that wrong guesses cost more than the tests.
     """
     left = np.uint64(LISTED)

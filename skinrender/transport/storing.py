@@ -4,9 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from skinrender.transport import kernel
+from skinrender.transport import block_kernel, kernel
 from skinrender.transport.caches import stream
-from skinrender.transport.lanes import BAND, DEPTH_BIN, INCOMING, LANES, LISTED, ROLLED, SHOWN, WORDS, X, Y, Z
+from skinrender.transport.lanes import (
+    BAND,
+    DEPTH_BIN,
+    INCOMING,
+    KEPT_BELOW,
+    LANES,
+    LISTED,
+    ROLLED,
+    SHOWN,
+    WORDS,
+    X,
+    Y,
+    Z,
+    list_lanes,
+    look_up,
+)
 from skinrender.transport.rng import next_word
 
 
@@ -34,16 +49,17 @@ def roll(f, w, n, keep, z_top):
 
 @kernel
 def thin_out(w, n, keep):
-    """Roulette on storage: lists those of n lanes with SHOWN set that are kept, see `roll`; returns their number.
+    """Roulette on storage: lists those of n lanes with SHOWN set that are kept, see `roll`; returns their number."""
+    look_up(keep[1].reshape(keep[1].size), w, DEPTH_BIN, w, KEPT_BELOW, n)
+    keep_some(w, n)
+    return list_lanes(w, n, np.uint32(SHOWN))
 
-    Without a branch, as `list_lanes`: who is kept can't be guessed.
-    """
-    largest, listed = keep[1].reshape(keep[1].size), np.uint64(LISTED)
+
+@block_kernel
+def keep_some(w, n):
+    """Clears SHOWN of n lanes where the word is larger than the largest that keeps."""
     for i in range(n):
-        keeps = w[ROLLED + i] <= largest[np.uint64(w[DEPTH_BIN + i])]
-        w[listed] = i
-        listed += np.uint64(keeps & (w[SHOWN + i] != 0))
-    return listed - np.uint64(LISTED)
+        w[SHOWN + i] = w[SHOWN + i] if w[ROLLED + i] <= w[KEPT_BELOW + i] else np.int32(0)
 
 
 @kernel

@@ -32,6 +32,7 @@ from skinrender.transport.lanes import (
     UZ,
     X,
     Y,
+    list_lanes,
     whole_groups,
 )
 from skinrender.transport.launch import close_holes, relaunch
@@ -49,7 +50,6 @@ from skinrender.transport.tally import (
     WAYS,
 )
 from skinrender.transport.turn import collide
-from skinrender.transport.vectors import SQUEEZED, append_set
 
 # Members of a walk's state, after those in `launch`
 IN_FLIGHT = 4  # lanes; 0: begins, or has ended
@@ -94,19 +94,6 @@ def count_events(w, n, tallies):
     counts = tallies.reshape(tallies.size)
     for i in range(n):
         counts[np.uint64((i & (WAYS - 1)) * way) + np.uint64(w[EVENT + i])] += 1
-
-
-@kernel
-def list_lanes(w, n, flag):
-    """Lists in w[LISTED:] those of n lanes whose word at `flag` is set; returns their number.
-
-    A vector of lanes at once: 0.1 ns a lane where the processor can squeeze one (AVX-512), and 0.3 word by word without a
-    branch, which is what others do.
-    """
-    listed = np.uint64(LISTED)
-    for i in range(0, n, SQUEEZED):
-        listed += append_set(w, np.uint64(flag + i), i, n, listed)
-    return listed - np.uint64(LISTED)
 
 
 @kernel

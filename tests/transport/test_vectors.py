@@ -12,9 +12,8 @@ import pytest
 from numba.core.registry import cpu_target
 
 from skinrender.transport import kernel
-from skinrender.transport.lanes import ENDED, GROUP, INT_ROWS, LANES, LISTED
+from skinrender.transport.lanes import ENDED, GROUP, INT_ROWS, LANES, LISTED, list_lanes
 from skinrender.transport.vectors import DEALT, SQUEEZED, append_set, deal_rows
-from skinrender.transport.walk import list_lanes
 from tests.transport.block import row
 
 GUARD = 64
