@@ -182,7 +182,7 @@ def test_walls_of_a_furrow_keep_their_shading(tmp_path):
 
 @pytest.mark.slow
 def test_walls_of_a_furrow_keep_their_shading_to_three_percent(tmp_path):
-    beam, exact = walls(tmp_path, 60.0, 2000, 8)
+    beam, exact = walls(tmp_path, 60.0, 2600, 8)
     error = np.std(beam - exact, axis=0, ddof=1) / math.sqrt(len(beam))
     off = (beam - exact).mean(axis=0)
     assert error.max() < 0.01
