@@ -130,7 +130,7 @@ def _channels(image: SpectralImage, reflectance: bool):
 
 
 def _has_texts(header: Mapping[str, Any]) -> bool:
-    """Whether this program's attributes are text; a byte changed in their types makes something of them that may not even print."""
+    """Whether this program's attributes are text; of a changed type they may be something that does not even print."""
     return all(isinstance(header.get(name, ""), str) for name in (_PROVENANCE, _FILM, _CHECKSUM))
 
 

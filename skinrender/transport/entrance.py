@@ -2,8 +2,8 @@
 
     meet_plane or meet_relief -> pass_surface -> enter_later (under a relief) -> settle
 
-Each step takes all lanes of the block of arrivals: arithmetic vectorizes, and what does not overlaps better. A history arrives in
-12 ns in place of 20, under a relief in 98 in place of 116, as if one came after the other.
+Each step takes all lanes of the block of arrivals: arithmetic vectorizes, and what does not overlaps better. A history
+arrives in 12 ns in place of 20 when one came after the other, under a relief in 98 in place of 116.
 """
 
 from __future__ import annotations
@@ -39,17 +39,17 @@ from skinrender.transport.lanes import (
 from skinrender.transport.relief import ROUGH, rough_normal
 from skinrender.transport.rng import draw
 
-# What is found at the surface, in rows that only flights use: its normal, into the skin; 1: it is met, and it is passed. Lanes
-# that are not in have no meaning.
+# What is found at the surface, in rows that only flights use: its normal, into the skin; 1: it is met, and it is passed.
+# Lanes that are not in have no meaning.
 NX, NY, NZ = PATH, Z_START, EDGE
 IS_MET, IS_IN = BORDER, ENDED
 
 
 @kernel
 def enter(f, w, n, band, z_mean, medium, relief, store_first):
-    """Takes n lanes of a band, put on the mean plane at depth z_mean, into the skin; lists those that enter, returns their number.
+    """Takes n lanes of a band, put on the mean plane at depth z_mean, into the skin.
 
-    What vectorizes takes whole groups, whatever is in their other lanes.
+    Lists those that enter, returns their number. What vectorizes takes whole groups, whatever is in their other lanes.
     """
     borders, whole = medium.borders, whole_groups(n)
     for i in range(whole):
@@ -94,9 +94,9 @@ def meet_relief(f, w, n, z_mean, borders, relief):
 
 @block_kernel
 def pass_surface(f, w, n, index_out, index_in):
-    """Refracts n lanes at the surface that they have met, or mirrors them: `fresnel.refract` and `reflect` in one, without a branch.
+    """Refracts n lanes at the surface that they have met, or mirrors them.
 
-    Each draws a word, also where nothing can be reflected.
+    `fresnel.refract` and `reflect` in one, without a branch; a word is drawn also where nothing can be reflected.
     """
     eta = index_out / index_in
     for i in range(n):

@@ -1,10 +1,10 @@
 """Between flight and collision: what tissue each lane has arrived in.
 
-All look-ups in the volume's tables are here, each a pass of its own, as are the few operations between them, which vectorize: one loop of
-five dependent look-ups took 1.6 times as long, as the processor overlaps fewer lanes.
+All look-ups in the volume's tables are here, each a pass of its own, as are the few operations between them, which
+vectorize: loops of two and three look-ups that depend on each other took 1.6 times as long, as the processor overlaps fewer lanes.
 
-The volume is read through bricks of 16 x 16 columns of one voxel plane: a uniform brick is one palette entry, so that a walk
-reads a quarter of the volume or less.
+The volume is read through bricks of 16 x 16 columns of one voxel plane: a uniform brick is one palette entry, so that a
+walk reads a quarter of the volume or less.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ from skinrender.transport.vectors import DEALT, deal_rows
 class Grid(NamedTuple):
     """The voxels, for all bands alike.
 
-    coarse_plane (cells,) int32: first plane of each coarse depth cell; edges_in_cell: most edges of planes that lie between
-    that plane and a depth in the cell, 0 where cells end on all edges (to a rounding of the depth); next_edge (planes,): lower edge of each plane, mm from
-    the top, the last one infinite; brick (bricks_x * bricks_y * planes) int32, those of a column together: where it begins in
-    `palette`, of a brick that is not uniform with the sign bit set too; palette uint16: the entries in order, which uniform
-    bricks share, then the voxels of the other bricks.
+    coarse_plane (cells,) int32: first plane of each coarse depth cell; edges_in_cell: most edges of planes that lie
+    between that plane and a depth in the cell, 0 where cells end on all edges (to a rounding of the depth); next_edge
+    (planes,): lower edge of each plane, mm from the top, the last one infinite; brick (bricks_x * bricks_y * planes) int32,
+    those of a column together: where it begins in `palette`, of a brick that is not uniform with the sign bit set too;
+    palette uint16: the entries in order, which uniform bricks share, then the voxels of the other bricks.
     """
 
     coarse_plane: np.ndarray
@@ -113,15 +113,16 @@ def enter_bricks(w, n):
 def gather(f, w, n, grid, plane_row, rows):
     """Sets the thresholds, anisotropy and tissue layer of n lanes, a multiple of DEALT.
 
-    rows (ROW .,) int32; plane_row (B planes,): first row of a band and plane's majorant slab. A row is read by one load and
-    dealt with those of the next three lanes: word by word that took 1.05 ns in place of 0.3, as there is but one store a cycle.
+    rows (ROW .,) int32; plane_row (B planes,): first row of a band and plane's majorant slab. A row is read by one load
+    and dealt with those of the next three lanes: 0.3 ns, and 1.05 word by word, as there is but one store a cycle.
     """
     count_planes(w, n, grid.planes)
     look_up(plane_row, w, BAND_PLANE, w, BAND_PLANE, n)
     look_up(grid.palette, w, VOXEL, w, ENTRY, n)
     choose_rows(w, n)
     for i in range(0, n, DEALT):
-        a, b, c, d = np.uint64(w[ENTRY + i]), np.uint64(w[ENTRY + i + 1]), np.uint64(w[ENTRY + i + 2]), np.uint64(w[ENTRY + i + 3])
+        a, b = np.uint64(w[ENTRY + i]), np.uint64(w[ENTRY + i + 1])
+        c, d = np.uint64(w[ENTRY + i + 2]), np.uint64(w[ENTRY + i + 3])
         at = np.uint64(i)
         deal_rows(
             rows, a, b, c, d, w, np.uint64(SCATTER_BELOW) + at, np.uint64(ABSORB_ABOVE) + at, np.uint64(TISSUE) + at, f,

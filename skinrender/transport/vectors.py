@@ -29,8 +29,8 @@ def append_set(w, at, first, n, end):
 def deal_rows(rows, a, b, c, d, words, first, second, fourth, f, third):
     """Deals four rows of four words, at rows[a:], [b:], [c:] and [d:], to four lanes.
 
-    Their first members go to words[first:], their second to words[second:], their fourth to words[fourth:], and the third, bits of
-    a float32, to f[third:]. All indices unsigned.
+    Their first members go to words[first:], their second to words[second:], their fourth to words[fourth:], and the third,
+    bits of a float32, to f[third:]. All indices unsigned.
     """
     for lane, row in enumerate((int(a), int(b), int(c), int(d))):
         words[int(first) + lane], words[int(second) + lane] = rows[row], rows[row + 1]

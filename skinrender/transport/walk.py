@@ -1,7 +1,8 @@
 """The photon walk: a block of lanes through the passes until every history has ended (paper, section 7.1).
 
-    fly -> wrap or mark_sides -> list_lanes -> look_around, clear_by_depth, clear_by_bulge (periodic, with a relief) -> meet_borders
-    -> locate -> find_planes -> find_voxels -> gather -> collide -> count_events -> roll, thin_out (or list_lanes) -> store -> relaunch
+    fly -> wrap or mark_sides -> list_lanes -> look_around, clear_by_depth, clear_by_bulge (periodic, with a relief)
+    -> meet_borders -> locate -> find_planes -> find_voxels -> gather -> collide -> count_events
+    -> roll, thin_out (or list_lanes) -> store -> relaunch
 
 A dead lane is relaunched in place with the next history, of the next band when one's have all begun: each lane holds
 what differs between bands. With a block for each band the last histories of each, ten times as long as others, flew in

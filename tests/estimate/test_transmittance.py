@@ -100,6 +100,7 @@ def test_a_level_ray_is_followed_as_far_as_it_sees():
     rays.path_edges = rays.path_edges * 1e5
     parts = cross_voxels(rays, volume, 2).parts
     assert sum(len(part.path) for part in parts) < 1000 * rays.hit.sum()
-    assert sum(part.path[part.entry < 2].sum(dtype=float) for part in parts) == pytest.approx(rays.path_edges[1, rays.hit].sum(), rel=1e-5)
+    recorded = sum(part.path[part.entry < 2].sum(dtype=float) for part in parts)
+    assert recorded == pytest.approx(rays.path_edges[1, rays.hit].sum(), rel=1e-5)
     steepness = optical_depths(rays, volume, 0, 2)[1, rays.hit] / rays.path_edges[1, rays.hit]
     assert np.all((steepness > 80.0) & (steepness < 90.0))

@@ -45,7 +45,7 @@ def snell(direction, normal, eta):
 
 
 def entering(heights, x, y, direction):
-    """Fate of a history aimed at (x, y) on the mean plane: (whether it is in, without a reflection before, point, direction)."""
+    """Fate of a history aimed at (x, y) on the mean plane: (is in, without a reflection before, point, direction)."""
     volume = slab_volume([Layer(2.0, 1.0, 1.0, n=N_TISSUE)], surface=heights)
     world, top = PhotonPass(volume, beam(), 1, real=np.float64), volume.z_edges_mm[0]
     f, w = new_block(np.float64)
@@ -53,7 +53,7 @@ def entering(heights, x, y, direction):
     for start, value in zip((lanes.X, lanes.Y, lanes.UX, lanes.UY, lanes.UZ), (x, y, *direction)):
         f[start] = value
     entered = enter(f, w, 1, 0, -top, world._medium(np.float64), world._relief, False)
-    point, out = (np.array([f[start] for start in rows]) for rows in ((lanes.X, lanes.Y, lanes.Z), (lanes.UX, lanes.UY, lanes.UZ)))
+    point, out = np.array([f[lanes.X], f[lanes.Y], f[lanes.Z]]), np.array([f[lanes.UX], f[lanes.UY], f[lanes.UZ]])
     return entered == 1, w[lanes.FRESH] & lanes.STRAIGHT != 0, point + [0.0, 0.0, top], out
 
 
@@ -210,7 +210,7 @@ def test_steep_walls_lose_no_photon(surface, light):
 
 
 def test_walls_of_a_very_wide_patch_lose_no_photon():
-    """Positions are rounded to 3e-5 mm there. Light from above bends away from a furrow: all that enters a clear block leaves below."""
+    """Positions are rounded to 3e-5 mm there. Light from above bends away from a furrow: all that enters leaves below."""
     surface = furrow(7.0, 140.0, size=700.0)
     wide = slab_volume([Layer(4.0, 0.0, 0.0, n=1.4)], surface=surface, size=(700.0, 700.0), planes=[4], below=1.4)
     walked = walk_rounds(PhotonPass(wide, beam(), 4), 20_000)[0].tallies[0]

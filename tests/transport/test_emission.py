@@ -209,5 +209,6 @@ def test_a_history_is_emitted_the_same_in_any_lane(lamp):
         seed(w, n, stream_key(1, 2, 3), first)
         emit(f, w, n, first, 2000, 3, 2, lamp, *SIZE)
         lane = 3 * GROUP + 700 - first
-        seen.append([row(f, start)[lane : lane + GROUP - 7].tobytes() for start in (lanes.X, lanes.Y, lanes.UX, lanes.UY, lanes.UZ)])
+        starts = (lanes.X, lanes.Y, lanes.UX, lanes.UY, lanes.UZ)
+        seen.append([row(f, start)[lane : lane + GROUP - 7].tobytes() for start in starts])
     assert seen[0] == seen[1] == seen[2]

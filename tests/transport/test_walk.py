@@ -180,7 +180,9 @@ def test_published_slabs():
 
 
 @pytest.mark.skipif(not binding.get_host_cpu_features().get("avx2"), reason="no AVX2")
-@pytest.mark.parametrize("block_pass, least", [(fly, 40), (wrap, 10), (locate, 10), (look_around, 10), (collide, 80), (emit, 300), (meet_plane, 15), (pass_surface, 60)])
+@pytest.mark.parametrize("block_pass, least", [
+    (fly, 40), (wrap, 10), (locate, 10), (look_around, 10), (collide, 80), (emit, 300), (meet_plane, 15), (pass_surface, 60)
+])  # fmt: skip
 def test_block_passes_are_vectorized(block_pass, least):
     """Packed 256 or 512 bit operations in the machine code; one unlucky branch, and there are none."""
     real, words, count, double = numba.float32, numba.int32[::1], numba.int64, numba.float64
