@@ -127,9 +127,12 @@ class _Handout:
 
     def dismiss(self) -> None:
         """Drop what has not begun, wait for what has."""
-        if self._tell_enough is not None:
-            self._tell_enough.send_bytes(b"enough")
-        self._close()
+        if self._tell_enough is None:
+            self._close()
+            return
+        # nothing is cancelled: workers pass by what is left, and the pool of Python 3.11.2 waits forever for cancelled futures
+        self._tell_enough.send_bytes(b"enough")
+        self._executor.shutdown(wait=True)
 
     def _close(self) -> None:
         """Cancelled one by one: not every executor can cancel what is left when it shuts down."""
